@@ -1,3 +1,3 @@
-"""Accuracy and speed of o3dls, side by side with other methods: `python -m benchmarks.accuracy --help`,
-`python -m benchmarks.speed`.
+"""Benchmarks of o3dls: each module prints one table of the documentation, `python -m benchmarks.NAME --help`
+says how. `cases` makes and finds the cases, `peers` runs other methods on them, `scores` judges results.
 """

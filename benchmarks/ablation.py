@@ -1,6 +1,6 @@
 """What each rule by which wall is taken away is worth: python -m benchmarks.ablation FOLDER... --records FILE
 
-    python -m benchmarks.make_cases cross cases/cross --data ../shared/data --only 'cross_*_1_even_*'
+    python -m benchmarks.cases cross cases/cross --data ../shared/data --only 'cross_*_1_even_*'
     python -m benchmarks.ablation cases/cross --records ablation.jsonl
     python -m benchmarks.ablation cases/unvisited --prior-of template --records lost.jsonl
 
@@ -35,17 +35,17 @@ Change = Callable[[ReconstructionSettings], ReconstructionSettings]
 ALL = "all rules"
 
 
-def _surplus(**numbers: float) -> Change:
+def _change_surplus(**numbers: float) -> Change:
     return lambda usual: replace(usual, surplus=replace(usual.surplus, **numbers))
 
 
 RULES: dict[str, Change] = {
     ALL: lambda usual: usual,
-    "nothing is taken for want of points": _surplus(most=0.0),
-    "not where all other wall has points": _surplus(even=0.0),
-    "not where points close the mouth": _surplus(closed=1.1),
-    "however little of the mouth is closed": _surplus(closed=-1.0),
-    "however much all parts are": _surplus(most=1.0),
+    "nothing is taken for want of points": _change_surplus(most=0.0),
+    "not where all other wall has points": _change_surplus(even=0.0),
+    "not where points close the mouth": _change_surplus(closed=1.1),
+    "however little of the mouth is closed": _change_surplus(closed=-1.0),
+    "however much all parts are": _change_surplus(most=1.0),
     "no part on a narrow neck": lambda usual: replace(usual, expected=1e9),
     "a patient's part is never given up": lambda usual: replace(
         usual, own_parts=replace(usual.own_parts, evidence=1e9)
@@ -102,11 +102,11 @@ def table(records: list[Record]) -> str:
         )
         for rule in list(RULES)[1:]:
             rows = [record for record in own if record["rule"] == rule]
-            lines.append(f"  {rule:42s} {_differences(rows, usual)}")
+            lines.append(f"  {rule:42s} {_compare_with_usual(rows, usual)}")
     return "\n".join(lines)
 
 
-def _differences(rows: list[Record], usual: dict[str, Record]) -> str:
+def _compare_with_usual(rows: list[Record], usual: dict[str, Record]) -> str:
     """What a rule that is off adds, over all cases of a group."""
     more = np.array([row["error"] - usual[row["case"]]["error"] for row in rows])
     lost = [row["lost"] - usual[row["case"]]["lost"] for row in rows if row["lost"] is not None]
@@ -115,7 +115,7 @@ def _differences(rows: list[Record], usual: dict[str, Record]) -> str:
     return said + (f", lost {np.mean(lost):+.1%}" if lost else "")
 
 
-def _arguments() -> argparse.Namespace:
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -126,7 +126,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    arguments = _arguments()
+    arguments = _parse_arguments()
     path = arguments.records
     lines = path.read_text().splitlines() if path and path.is_file() else []
     records: list[Record] = [json.loads(line) for line in lines]

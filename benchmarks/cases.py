@@ -1,17 +1,71 @@
-"""The cases of a benchmark: which there are in a folder, and which group each belongs to."""
+"""Cases of the benchmarks: which there are in a folder, which group each belongs to, and how the standard
+sets from real atria are made: python -m benchmarks.cases SET OUT --data FOLDER
+
+    python -m benchmarks.cases cross cases/dev --data ../shared/data
+    python -m benchmarks.cases families cases/judge --data ../shared/data --judging
+    python -m benchmarks.cases cross cases/judge --data ../shared/data --judging --only '*_1_even_2*'
+    python -m benchmarks.cases unvisited cases/dev --data ../shared/data
+    python -m benchmarks.cases altered cases/dev --data ../shared/data
+
+FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in them is third parties' and goes
+into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
+benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
+development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
+points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
+patient's own atrium as the prior, and a map that leaves wall out or a prior that does; `altered` has
+something wrong, and healthy cases beside it. Crossed cases say prior_of = "template". Names are groups and
+seeds as benchmarks.accuracy reads them:
+
+    cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
+    family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
+                                                                   one clustered with 5 % outliers
+    unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
+    badly_segmented_<points>_<even|clustered>_<seed>
+    altered_<what>_<points>_<seed>     what: a name of data_synth.altered.ALTERATIONS, or
+        stranger    another person's prior, said to be the patient's
+        inside      30 % of the points without contact
+        healthy     even points, noise 1.5 mm, nothing wrong
+        noisy       the same with 2 mm
+
+Long vessels are cut 1.9 radii from the centre (data_synth.wall). Cases that are there already are left alone.
+"""
 
 from __future__ import annotations
 
+import argparse
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
+from functools import cache
+from itertools import permutations, product
 from pathlib import Path
+from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
+from data_synth import (
+    Mapping,
+    Visits,
+    atrium,
+    badly_segmented,
+    cross,
+    family,
+    lengthened,
+    read_wall,
+    unvisited,
+)
+from data_synth.alignment import alongside
+from data_synth.altered import ALTERATIONS, altered
+from data_synth.families import FAMILIES
+from data_synth.visits import SHARES
+from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.errors import InputError
+from o3dls.geometry.surface import Surface
 from o3dls.io.case_reader import read_case
+from o3dls.io.case_writer import write_case
 
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
@@ -20,6 +74,116 @@ SEEDED = re.compile(
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")
+
+DEVELOPMENT = (
+    "ls_prior/la_01.ply",
+    "ls_prior/la_02.ply",
+    "toronto/2018001_aligned_la.obj",
+    "ls_prior/la_03.ply",
+    "toronto/2018015_2018015_LA_Aligned.obj",
+)
+JUDGING = (
+    "ls_prior/la_04.ply",
+    "ls_prior/la_05.ply",
+    "toronto/RegularHeart_NORMAL_LA.obj",
+    "ls_prior/la_06.ply",
+    "ls_prior/la_07.ply",
+    "toronto/2018013_2018013_LA_Aligned.obj",
+    "ls_prior/la_08.ply",
+    "ls_prior/la_09.ply",
+    "toronto/2018012_LA_Aligned.obj",
+    "ls_prior/la_10.ply",
+)
+STEPS = (1, 3)  # from a prior to its truths in the list above: twenty pairs of ten, each atrium in four
+POINTS = (100, 250, 1000, 4000, 20_000)
+NOISE = (1.0, 2.0)
+MOTIONS = (1.0, 2.0)
+OUTLIERS = 0.05
+FIRST_SEED = {
+    "cross": {False: 101, True: 2101},
+    "pairs": {False: 501, True: 2501},
+    "families": {False: 301, True: 2301},
+    "unvisited": {False: 701, True: 2701},
+    "altered": {False: 701, True: 2701},
+    "badly_segmented": {False: 901, True: 2901},
+}
+FEW = (100, 250)
+# where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
+# no other wall
+OWN_DEVELOPMENT = (
+    "toronto/2018001_aligned_la.obj",
+    "lasc2018/la_60.ply",
+    "lasc2018/la_61.ply",
+    "toronto/2018015_2018015_LA_Aligned.obj",
+    "lasc2018/la_62.ply",
+    "lasc2018/la_63.ply",
+    "lasc2018/la_68.ply",
+)
+OWN_JUDGING = (
+    "toronto/2018001_aligned_la.obj",
+    "lasc2018/la_80.ply",
+    "lasc2018/la_81.ply",
+    "toronto/2018012_LA_Aligned.obj",
+    "lasc2018/la_84.ply",
+    "lasc2018/la_85.ply",
+    "toronto/2018013_2018013_LA_Aligned.obj",
+    "lasc2018/la_86.ply",
+    "lasc2018/la_87.ply",
+    "toronto/2018015_2018015_LA_Aligned.obj",
+    "lasc2018/la_88.ply",
+    "lasc2018/la_91.ply",
+    "toronto/RegularHeart_NORMAL_LA.obj",
+    "lasc2018/la_92.ply",
+    "lasc2018/la_94.ply",
+)
+OWN_POINTS = (100, 350, 1000, 4000)
+OWN_NOISE = 1.5
+OWN_OUTLIERS = (0.0, 0.05)
+REACH = 2.6  # radii: CT veins stay longer than catheters go
+BAD_POINTS = (250, 1000)
+BAD = {False: 5, True: 10}  # atria, the first of each list
+LASC = {False: range(60, 80), True: range(80, 100)}  # numbers of atria of lasc2018
+EACH_KIND = 3  # cases of a kind and number of points
+PHANTOM = "phantom"
+ALTERED_NOISE, MANY_OUTLIERS = 1.5, 0.3
+# kinds and numbers of points, each three times, of the healthy ones more to count false alarms on. A seed is
+# the place in this list: what is new goes to its end, and leaves the cases before it as they are
+KINDS: tuple[tuple[str, tuple[int, ...]], ...] = (
+    ("ventricle", (250, 1000)),
+    ("aorta", (250, 1000)),
+    ("beside", (250, 1000)),
+    ("stranger", (250, 1000)),
+    ("mirrored", (250, 1000)),
+    ("lost", (250, 1000)),
+    ("later", (250, 1000)),
+    ("side", (250, 1000)),
+    ("swapped", (250,)),
+    ("mismarked", (250,)),
+    ("scaled", (250,)),
+    ("inside", (250, 1000)),
+    ("path", (250, 1000)),
+    ("segmented", (250, 1000)),
+    ("half", (250,)),
+    ("healthy", (250, 250, 1000, 4000)),
+    ("noisy", (250, 1000, 4000)),
+    ("floating", (250, 1000)),
+    ("tented", (250, 1000)),
+    ("breathing", (250, 1000)),
+    ("veins", (350, 1000)),
+    ("quarter", (250,)),
+    ("path", (4000,)),
+    ("ventricle", (500,)),
+    ("aorta", (500,)),
+    ("side", (500,)),
+    ("scaled", (1000,)),
+    ("breathing", (2000,)),
+    ("floating", (2000,)),
+    ("tented", (2000,)),
+    ("ventricle", (2000,)),
+    ("aorta", (2000,)),
+)
+TAKEN = {"half": 2, "quarter": 4, "veins": 1.6}  # times the points, of which a part is kept
+WITHOUT_PHANTOMS = ("stranger", "inside", "healthy", "noisy", "veins")
 
 
 @dataclass(frozen=True, order=True)
@@ -67,7 +231,7 @@ def find(folders: Iterable[Path]) -> list[Listed]:
     none.
     """
     found = sorted(
-        {case for folder in folders for case in _in(Path(folder))},
+        {case for folder in folders for case in _find_in(Path(folder))},
         key=lambda c: (c.group, c.seed or 0, c.name),
     )
     if not found:
@@ -75,7 +239,7 @@ def find(folders: Iterable[Path]) -> list[Listed]:
     return found
 
 
-def _in(folder: Path) -> Iterator[Listed]:
+def _find_in(folder: Path) -> Iterator[Listed]:
     for path in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
         if not (path / "points.csv").is_file() or not list(path.glob("prior.*")):
             continue
@@ -88,3 +252,279 @@ def _in(folder: Path) -> Iterator[Listed]:
         for other in sorted(path.glob("points_*.csv")):
             name = f"{path.name}+{other.stem.removeprefix('points_')}"
             yield Listed(name, name, path, other)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A case by its name, and what it is made of; truth is None where the prior itself moved."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    truth: str | None = None
+    family: str = ""
+    motion: float = 1.0
+    landmarks: bool = True
+
+    def case(self, data: Path) -> Case:
+        return made(self, data)
+
+
+class CaseOfASet(Protocol):
+    """A case of any set: what it is called and made of, and how it is made from the folder of data."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def prior(self) -> str: ...
+    @property
+    def truth(self) -> str | None: ...
+
+    def case(self, data: Path) -> Case: ...
+
+
+def crossed(judging: bool) -> Iterator[Wanted]:
+    """Every pair with every number of points, noise and spread; the seed is the pair's."""
+    atria = JUDGING if judging else DEVELOPMENT
+    pairs = [
+        (k, (k + step) % len(atria)) for step in (STEPS if judging else STEPS[:1]) for k in range(len(atria))
+    ]
+    kinds = product(POINTS, NOISE, (False, True), (0.0, OUTLIERS))
+    for points, noise, clustered, outliers in kinds:
+        group = f"cross_{points}_{noise:g}_" + ("clustered" if clustered else "even")
+        group += "_outliers" if outliers else ""
+        for seed, (a, b) in enumerate(pairs, FIRST_SEED["cross"][judging]):
+            how = Mapping(points, noise, clustered, outliers)
+            yield Wanted(f"{group}_{seed}", seed, how, atria[a], atria[b])
+
+
+def paired(judging: bool) -> Iterator[Wanted]:
+    """Every ordered pair of atria, mapped evenly with few points; the seed is the pair's."""
+    atria = JUDGING if judging else DEVELOPMENT
+    for points, noise in product(FEW, NOISE):
+        for seed, (prior, truth) in enumerate(permutations(atria, 2), FIRST_SEED["pairs"][judging]):
+            how = Mapping(points, noise, False, 0.0)
+            yield Wanted(f"cross_{points}_{noise:g}_even_{seed}", seed, how, prior, truth)
+
+
+def moved(judging: bool) -> Iterator[Wanted]:
+    """Every atrium by a motion of every family, plain and large, with and without landmarks: twice for
+    judging, so that each is mapped evenly and in clusters once.
+    """
+    atria = (DEVELOPMENT + JUDGING) * 2 if judging else DEVELOPMENT
+    for name, motion, landmarks in product(FAMILIES, MOTIONS, (True, False)):
+        group = f"family_{name}_{motion:g}_{'landmarks' if landmarks else 'rough'}"
+        for seed, prior in enumerate(atria, FIRST_SEED["families"][judging]):
+            clustered = seed % 2 == 0
+            how = Mapping(250, None, clustered, OUTLIERS if clustered else 0.0)
+            yield Wanted(f"{group}_{seed}", seed, how, prior, family=name, motion=motion, landmarks=landmarks)
+
+
+@dataclass(frozen=True)
+class Unvisited:
+    """A case by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    visits: Visits
+    family: str
+    landmarks: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        prior = long_veined(data, self.prior)
+        return unvisited(
+            prior, self.seed, self.visits, family=self.family, landmarks=self.landmarks, how=self.how
+        )
+
+
+def left_out(judging: bool) -> Iterator[Unvisited]:
+    """Every atrium by every kind of visit, evenly and in clusters. The number of points takes turns, so that
+    each kind of visit meets each number, on other atria; motion, outliers and start are drawn.
+    """
+    for a, prior in enumerate(OWN_JUDGING if judging else OWN_DEVELOPMENT):
+        for v, (where, clustered) in enumerate(product(SHARES, (False, True))):
+            seed = FIRST_SEED["unvisited"][judging] + 8 * a + v
+            points = OWN_POINTS[-(v // 2 + 2 * (v % 2) + a) % len(OWN_POINTS)]
+            drawn = np.random.default_rng((seed, 80_173))
+            family, outliers = str(drawn.choice(list(FAMILIES))), float(drawn.choice(OWN_OUTLIERS))
+            how = Mapping(points, OWN_NOISE, clustered, outliers)
+            name = f"unvisited_{where}_{points}_{'clustered' if clustered else 'even'}_{seed}"
+            yield Unvisited(name, seed, how, prior, Visits(where), family, bool(drawn.integers(2)))
+
+
+@dataclass(frozen=True)
+class BadlySegmented:
+    """A case whose prior lacks what the truth has, by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    family: str
+    landmarks: bool
+    remeshed: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        return badly_segmented(
+            _read_wall(data, self.prior),
+            self.seed,
+            family=self.family,
+            landmarks=self.landmarks,
+            how=self.how,
+            remeshed=self.remeshed,
+        )
+
+
+def bad_priors(judging: bool) -> Iterator[BadlySegmented]:
+    """Some atria with both numbers of points, even and in clusters in turns, and so are the two ways from
+    voxels to a surface; motion, outliers and start are drawn.
+    """
+    atria = (OWN_JUDGING if judging else OWN_DEVELOPMENT)[: BAD[judging]]
+    for k, (points, (a, prior)) in enumerate(product(BAD_POINTS, enumerate(atria))):
+        seed = FIRST_SEED["badly_segmented"][judging] + k
+        clustered, remeshed = (a + k // len(atria)) % 2 == 1, a // 2 % 2 == 0
+        drawn = np.random.default_rng((seed, 80_173))
+        family, outliers = str(drawn.choice(list(FAMILIES))), float(drawn.choice(OWN_OUTLIERS))
+        how = Mapping(points, OWN_NOISE, clustered, outliers)
+        name = f"badly_segmented_{points}_{'clustered' if clustered else 'even'}_{seed}"
+        yield BadlySegmented(name, seed, how, prior, family, bool(drawn.integers(2)), remeshed)
+
+
+@cache
+def long_veined(data: Path, name: str) -> Surface:
+    """An atrium whose veins are longer than a catheter goes: CT veins are, those of lasc2018 are made so."""
+    surface = read_wall(data / "priors" / name, REACH)
+    return surface if name.startswith("toronto") else lengthened(surface)
+
+
+@dataclass(frozen=True)
+class Altered:
+    """An altered case by its name, and what it is made of; truth: whose atrium is mapped, where it is not the
+    prior's own.
+    """
+
+    name: str
+    seed: int
+    kind: str
+    points: int
+    prior: str
+    truth: str | None = None
+
+    def case(self, data: Path) -> Case:
+        """The case itself."""
+        good = self._make_good(data)
+        return altered(good, self.kind, self.seed) if self.kind in ALTERATIONS else good
+
+    def _make_good(self, data: Path) -> Case:
+        """The case before it is altered."""
+        points = round(self.points * TAKEN.get(self.kind, 1))
+        motion = 1.0 if self.kind in ("healthy", "noisy") else 1.0 + self.seed % 2
+        if self.prior == PHANTOM:
+            return atrium(self.seed, motion=motion, noise=ALTERED_NOISE, points=points, outliers=OUTLIERS)
+        prior, how = _read_wall(data, self.prior), self._choose_mapping(points)
+        if self.truth:
+            return cross(prior, _read_wall(data, self.truth), self.seed, how=how)
+        name = list(FAMILIES)[self.seed % len(FAMILIES)]
+        return family(prior, self.seed, family=name, motion=motion, how=how)
+
+    def _choose_mapping(self, points: int) -> Mapping:
+        if self.kind in ("healthy", "noisy"):
+            return Mapping(points, 2.0 if self.kind == "noisy" else ALTERED_NOISE, False)
+        clustered = self.seed % 2 == 0 and self.kind != "veins"  # even as a density filter leaves them
+        return Mapping(points, ALTERED_NOISE, clustered, MANY_OUTLIERS if self.kind == "inside" else OUTLIERS)
+
+
+def altered_cases(judging: bool) -> Iterator[Altered]:
+    """Cases with something wrong, and healthy ones beside them. Atria are la_60 to la_79 of lasc2018 to
+    develop and la_80 to la_99 to judge, every fourth one of ls_prior or toronto, and where the alteration
+    allows phantoms. They move by the families of data_synth in turn, healthy ones with strength 1, others
+    with 1 or 2.
+    """
+    first = FIRST_SEED["altered"][judging]
+    wanted = [(kind, n) for kind, many in KINDS for n in many for _ in range(EACH_KIND)]
+    atria = _take_turns(LASC[judging], JUDGING if judging else DEVELOPMENT, 2 * len(wanted))
+    for k, (kind, points) in enumerate(wanted):
+        prior = PHANTOM if k % EACH_KIND == 1 and kind not in WITHOUT_PHANTOMS else next(atria)
+        truth = next(atria) if kind == "stranger" else None
+        yield Altered(f"altered_{kind}_{points}_{first + k}", first + k, kind, points, prior, truth)
+
+
+def _take_turns(numbers: Sequence[int], others: Sequence[str], count: int) -> Iterator[str]:
+    """Names of atria in turn: of lasc2018 by their numbers, and every fourth of the others."""
+    for k in range(count):
+        if k % 4 == 3:
+            yield others[k // 4 % len(others)]
+        else:
+            yield f"lasc2018/la_{numbers[(k - k // 4) % len(numbers)]}.ply"
+
+
+SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
+    "cross": crossed,
+    "pairs": paired,
+    "families": moved,
+    "unvisited": left_out,
+    "badly_segmented": bad_priors,
+    "altered": altered_cases,
+}
+
+
+def made(wanted: Wanted, data: Path) -> Case:
+    """The case itself."""
+    prior = _read_wall(data, wanted.prior)
+    if wanted.truth is None:
+        return family(
+            prior,
+            wanted.seed,
+            family=wanted.family,
+            motion=wanted.motion,
+            landmarks=wanted.landmarks,
+            how=wanted.how,
+        )
+    near = _align_vertices(data, wanted.prior, wanted.truth)
+    crossed_case = cross(prior, _read_wall(data, wanted.truth), wanted.seed, how=wanted.how, near=near)
+    return replace(crossed_case, prior_of="template")
+
+
+@cache
+def _read_wall(data: Path, name: str) -> Surface:
+    return read_wall(data / "priors" / name)
+
+
+@cache
+def _align_vertices(data: Path, prior: str, truth: str) -> Array:
+    return alongside(_read_wall(data, prior), _read_wall(data, truth))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("set", choices=SETS)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--data", type=Path, required=True, help="the folder above priors/")
+    parser.add_argument("--judging", action="store_true", help="the cases that nothing is chosen on")
+    parser.add_argument("--only", default="*", metavar="PATTERN", help="names, as the shell matches them")
+    parser.add_argument("--list", action="store_true", help="print names and what they are made of, no cases")
+    arguments = parser.parse_args()
+    for wanted in SETS[arguments.set](arguments.judging):
+        if not fnmatch(wanted.name, arguments.only):
+            continue
+        said = f"{wanted.name}: {wanted.prior}" + (f" -> {wanted.truth}" if wanted.truth else "")
+        folder = arguments.out / wanted.name
+        if arguments.list or folder.exists():
+            print(said)
+            continue
+        begin = perf_counter()
+        write_case(folder, wanted.case(arguments.data))
+        print(f"{said}, {perf_counter() - begin:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -56,11 +56,11 @@ def accuracy(listed: list[Listed]) -> None:
     for item in listed:
         case = item.read()
         seen = case.visible()
-        wanted = _best_scale(case)
+        wanted = _find_best_scale(case)
         start = start_estimate(seen)
         for name, stage in VARIANTS.items():
             found = stage(seen, start)
-            held[name].append(float(_held_out(case, found.surface).mean()))
+            held[name].append(float(_measure_held_out(case, found.surface).mean()))
             scale[name].append(found.scale - wanted)
             rounds[name].append(found.iterations)
     print(f"{len(listed)} cases: {', '.join(item.name for item in listed)}")
@@ -75,14 +75,14 @@ def accuracy(listed: list[Listed]) -> None:
         print(f"{name:32}{errors}{sizes}{np.mean(rounds[name]):7.1f}")
 
 
-def _held_out(case: Case, surface: Surface) -> Array:
+def _measure_held_out(case: Case, surface: Surface) -> Array:
     """Distances of the held-out points, or of the true vertices where the case has none."""
     assert case.truth is not None
     points = case.truth.held_out if case.truth.held_out is not None else case.truth.surface.vertices  # type: ignore[union-attr]
     return distances(points, surface)
 
 
-def _best_scale(case: Case) -> float:
+def _find_best_scale(case: Case) -> float:
     """Scale of the best similarity to the true correspondences: named ones, or those of meshes with equal
     faces; NaN where unknown.
     """
@@ -99,7 +99,7 @@ def speed(item: Listed, faces: int) -> None:
     distance it leaves.
     """
     case = item.read().visible()
-    case = replace(case, prior=_remeshed(case.prior, faces))
+    case = replace(case, prior=_remesh_prior(case.prior, faces))
     start = start_estimate(case)
     points = case.points.of("eam").xyz
     methods: dict[str, Callable[[], Array]] = {
@@ -107,12 +107,12 @@ def speed(item: Listed, faces: int) -> None:
         for name, stage in VARIANTS.items()
         if stage.engine == "o3dls"
     }
-    methods |= _open3d(case.prior, points, start) | _small_gicp(case.prior, points, start)
+    methods |= _list_open3d(case.prior, points, start) | _list_small_gicp(case.prior, points, start)
     print(f"{item.name}: {len(points)} points, {len(case.prior.faces)} faces")
     print(f"{'':40}{'best ms':>9}{'median ms':>11}{'median gap':>12}{'mean gap':>10}")
     for name, method in methods.items():
         pose = method()  # warm: compiled kernels, imported packages
-        seconds = sorted(_seconds(method) for _ in range(REPEATS))
+        seconds = sorted(_time_call(method) for _ in range(REPEATS))
         gaps = distances(points, case.prior.transformed(pose))
         print(
             f"{name:40}{1e3 * seconds[0]:9.1f}{1e3 * seconds[REPEATS // 2]:11.1f}"
@@ -120,13 +120,13 @@ def speed(item: Listed, faces: int) -> None:
         )
 
 
-def _seconds(method: Callable[[], Array]) -> float:
+def _time_call(method: Callable[[], Array]) -> float:
     begin = time.perf_counter()
     method()
     return time.perf_counter() - begin
 
 
-def _remeshed(prior: Surface, faces: int) -> Surface:
+def _remesh_prior(prior: Surface, faces: int) -> Surface:
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh(
@@ -136,7 +136,7 @@ def _remeshed(prior: Surface, faces: int) -> Surface:
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
-def _open3d(prior: Surface, points: Array, start: Estimate) -> dict[str, Callable[[], Array]]:
+def _list_open3d(prior: Surface, points: Array, start: Estimate) -> dict[str, Callable[[], Array]]:
     """Open3D's legacy registration: points against the prior's vertices, 30 steps at most, as its defaults
     are.
     """
@@ -165,7 +165,7 @@ def _open3d(prior: Surface, points: Array, start: Estimate) -> dict[str, Callabl
     }
 
 
-def _small_gicp(prior: Surface, points: Array, start: Estimate) -> dict[str, Callable[[], Array]]:
+def _list_small_gicp(prior: Surface, points: Array, start: Estimate) -> dict[str, Callable[[], Array]]:
     """small_gicp on the prior's vertices, where it is installed (extra `bench`)."""
     try:
         import small_gicp

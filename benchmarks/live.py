@@ -81,10 +81,10 @@ class Heard:
                 self.first = self.first or self.newest
             elif message["event"] == "state":
                 self.fitted = message["fitted"]
-                self._full_fit(message["fit"] != "idle", monotonic())
+                self._note_full_fit(message["fit"] != "idle", monotonic())
             self.changed.notify_all()
 
-    def _full_fit(self, runs: bool, now: float) -> None:
+    def _note_full_fit(self, runs: bool, now: float) -> None:
         if runs and (not self.fits or isfinite(self.fits[-1][1])):
             self.fits.append([now, inf])
         elif not runs and self.fits and not isfinite(self.fits[-1][1]):

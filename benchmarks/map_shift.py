@@ -2,7 +2,7 @@
 
     python -m benchmarks.map_shift ../shared/data/phantom/la_0*           a part of each map is shifted
     python -m benchmarks.map_shift CASES --whole                          maps as they are: none must be named
-    python -m benchmarks.make_cases badly_segmented BAD --data ../shared/data --judging
+    python -m benchmarks.cases badly_segmented BAD --data ../shared/data --judging
     python -m benchmarks.map_shift BAD --whole                            and where the prior lacks a vein
 
 The points on the left (x above the median), or those taken in the second half of the file, are moved by some

@@ -54,12 +54,12 @@ def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = _thinned(case.points.of("eam").xyz)
+    points = _thin_points(case.points.of("eam").xyz)
     moved = posed.vertices
     tree = ClosestPoint(posed.vertices, posed.faces)
     still = STILL * float(np.sqrt(tree.query(points)[0].mean()))
     for _ in range(ROUNDS):
-        keep, feet = _believed(tree, points, posed, reject)
+        keep, feet = _find_believed(tree, points, posed, reject)
         # two points with one foot make the system singular
         at, first = np.unique(np.round(feet[keep], 6), axis=0, return_index=True)
         warp = RBFInterpolator(at, points[keep][first] - at, kernel=kernel, smoothing=smoothing)
@@ -81,13 +81,13 @@ def nricp_sumner(
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = _thinned(case.points.of("eam").xyz)
-    coarse = _decimated(posed)
+    points = _thin_points(case.points.of("eam").xyz)
+    coarse = _decimate_surface(posed)
     mesh = trimesh.Trimesh(coarse.vertices, coarse.faces, process=False)
     moved = coarse.vertices
     tree = ClosestPoint(coarse.vertices, coarse.faces)
     for _ in range(rounds):
-        keep, _ = _believed(tree, points, coarse, reject)
+        keep, _ = _find_believed(tree, points, coarse, reject)
         _, face, _, bary = tree.query(points[keep])
         # no correspondences but the points: there is no target surface
         steps = [[0.0, 1e-3, smooth, landmarks, 0.0]]
@@ -114,21 +114,21 @@ def cpd(case: Case, pose: Array, *, moves: str, alpha: float, beta: float, outli
     centre = posed.vertices.mean(axis=0)
     size = float(np.sqrt(((posed.vertices - centre) ** 2).sum(axis=1).mean()))
     most = MOST if moves == "prior" else CPD_MOVING
-    points = (_thinned(case.points.of("eam").xyz, most) - centre) / size
+    points = (_thin_points(case.points.of("eam").xyz, most) - centre) / size
     vertices = (posed.vertices - centre) / size
     nodes = vertices[np.linspace(0, len(vertices) - 1, min(CPD_NODES, len(vertices))).round().astype(int)]
     still, moving = (nodes, points) if moves == "points" else (points, nodes)
     fit = DeformableRegistration(X=still, Y=moving, alpha=alpha, beta=beta, w=outliers, max_iterations=60)
     fit.register()
     if moves == "prior":
-        return posed.with_vertices(centre + size * (vertices + _cpd_field(fit, vertices)))
+        return posed.with_vertices(centre + size * (vertices + _evaluate_cpd(fit, vertices)))
     back = vertices
     for _ in range(10):  # y + field(y) = x, by fixed point
-        back = vertices - _cpd_field(fit, back)
+        back = vertices - _evaluate_cpd(fit, back)
     return posed.with_vertices(centre + size * back)
 
 
-def _cpd_field(fit, at):  # type: ignore[no-untyped-def]
+def _evaluate_cpd(fit, at):  # type: ignore[no-untyped-def]
     from scipy.spatial.distance import cdist
 
     return np.exp(-cdist(at, fit.Y, "sqeuclidean") / (2.0 * fit.beta**2)) @ fit.W
@@ -146,7 +146,7 @@ def open3d_icp(case: Case, pose: Array, *, reach: float, kernel: str, samples: i
     points = case.points.of("eam").xyz
     rms = float(np.sqrt((ClosestPoint(posed.vertices, posed.faces).query(points)[0]).mean()))
     clouds = [
-        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_spatial(x)))
+        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_add_third_axis(x)))
         for x in (points, sample(posed, samples))
     ]
     reg = o3d.pipelines.registration
@@ -159,14 +159,14 @@ def open3d_icp(case: Case, pose: Array, *, reach: float, kernel: str, samples: i
             reg.ICPConvergenceCriteria(max_iteration=200),
         )
         if kernel == "none"
-        else _trimmed(reg, clouds, reach * rms)
+        else _run_shrinking(reg, clouds, reach * rms)
     )
     back = np.linalg.inv(found.transformation)
     keep = [*range(case.dimension), 3]
     return posed.transformed(back[np.ix_(keep, keep)])
 
 
-def _trimmed(reg, clouds, reach):  # type: ignore[no-untyped-def]
+def _run_shrinking(reg, clouds, reach):  # type: ignore[no-untyped-def]
     """ICP whose reach shrinks from round to round, as coarse-to-fine recipes do: the scaled estimator takes
     no robust kernel.
     """
@@ -205,7 +205,7 @@ def poisson(case: Case, pose: Array, *, depth: int, neighbours: int) -> Surface:
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles)).without_unused()
 
 
-def _thinned(points: Array, most: int = MOST) -> Array:
+def _thin_points(points: Array, most: int = MOST) -> Array:
     """The points, where they are too many the means of those that share a voxel."""
     size = float(np.ptp(points, axis=0).max()) / 400.0
     while len(points) > most:
@@ -217,7 +217,7 @@ def _thinned(points: Array, most: int = MOST) -> Array:
     return points
 
 
-def _believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -> tuple[Array, Array]:
+def _find_believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -> tuple[Array, Array]:
     """Mask of the points within median + reject * 1.48 MAD of the moved surface, and their feet on the
     surface at rest.
     """
@@ -230,7 +230,7 @@ def _believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -
     )
 
 
-def _decimated(surface: Surface) -> Surface:
+def _decimate_surface(surface: Surface) -> Surface:
     import open3d as o3d
 
     if len(surface.faces) <= COARSE_FACES:
@@ -243,7 +243,7 @@ def _decimated(surface: Surface) -> Surface:
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
-def _spatial(points: Array) -> Array:
+def _add_third_axis(points: Array) -> Array:
     return np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
 
 
@@ -258,34 +258,34 @@ PEERS: Mapping[str, Peer] = {
 FAILURES = (np.linalg.LinAlgError, ValueError, RuntimeError)
 
 
-def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
+def _list_settings(**values: tuple[object, ...]) -> list[dict[str, object]]:
     return [dict(zip(values, chosen, strict=True)) for chosen in product(*values.values())]
 
 
 GRIDS: Mapping[str, list[dict[str, object]]] = {
-    "thin-plate": _grid(
+    "thin-plate": _list_settings(
         kernel=("linear", "thin_plate_spline"),
         smoothing=(1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0),
         reject=(2.5, 4.0, 8.0),
     ),
-    "nricp_sumner": _grid(
+    "nricp_sumner": _list_settings(
         smooth=(0.1, 1.0, 10.0, 100.0),
         landmarks=(1.0, 10.0, 100.0, 1000.0),
         reject=(2.5, 4.0, 8.0),
         rounds=(5,),
     ),
-    "pycpd": _grid(
+    "pycpd": _list_settings(
         moves=("points", "prior"),
         alpha=(0.1, 0.3, 1.0, 3.0, 10.0),
         beta=(0.15, 0.3, 0.6, 1.2),
         outliers=(0.1, 0.3),
     ),
-    "open3d icp": _grid(
+    "open3d icp": _list_settings(
         reach=(1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 100.0),
         kernel=("none", "shrinking"),
         samples=(3000, 10000, 30000),
     ),
-    "poisson": _grid(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30, 60)),
+    "poisson": _list_settings(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30, 60)),
 }
 NEEDS_TRIANGLES = ("nricp_sumner", "poisson")
 NEEDS_PACKAGE = {"pycpd": "pycpd"}  # of the extra `bench`

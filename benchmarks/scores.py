@@ -87,15 +87,15 @@ def distance_scores(case: Case, estimate: Estimate) -> Scores:
         found["held_out"] = gap.mean()
         if truth.unseen is not None and truth.unseen.any():
             found |= {"seen": gap[~truth.unseen].mean(), "unseen": gap[truth.unseen].mean()}
-            found |= _by_area(case, surface, gap)
+            found |= _score_by_area(case, surface, gap)
     if truth.correspondence is not None:
         found["correspondence"] = np.linalg.norm(
-            _carried(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1
+            _carry_points(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1
         ).mean()
     return {name: float(value) for name, value in found.items()}
 
 
-def _by_area(case: Case, surface: Surface, gap: Array) -> Scores:
+def _score_by_area(case: Case, surface: Surface, gap: Array) -> Scores:
     """Mean symmetric distance in seen and in unseen areas: of held-out points to the surface, and of samples
     of the surface to the truth, which belong to the area of the held-out point next to them.
     """
@@ -126,11 +126,13 @@ def truth_distances(case: Case, surface: Surface, samples: int = SAMPLES) -> tup
     both = []
     for source, target in ((truth, surface), (surface, truth)):
         at = sample(source, samples)
-        both.append(distances(at[~_on_cap(at, source, truth)] if case.name.startswith("lv_") else at, target))
+        both.append(
+            distances(at[~_find_cap(at, source, truth)] if case.name.startswith("lv_") else at, target)
+        )
     return both[0], both[1]
 
 
-def _on_cap(at: Array, source: Surface, truth: Surface) -> Array:
+def _find_cap(at: Array, source: Surface, truth: Surface) -> Array:
     """Whether samples lie where the surface is across the slices, whose axis is the commonest normal of the
     truth.
     """
@@ -170,14 +172,17 @@ def calibration(case: Case, estimate: Estimate) -> Scores:
         error = distances(estimate.surface.vertices[rows], truth.surface)
         ideal = np.abs(np.random.default_rng(SEED).normal(size=len(rows)) * sd[rows])
         within = error <= BAND_95 * sd[rows]
-        far = _to_points(case, estimate.surface.vertices[rows]) > REACH
+        far = _find_distances(case, estimate.surface.vertices[rows]) > REACH
         found["cover95"] = float(within.mean())
         found |= {"prior_only": float(far.mean()), "prior_only_within": float((far & within).mean())}
-        found["rank"], found["rank_ideal"] = _rank(sd[rows], error), _rank(sd[rows], ideal)
+        found["rank"], found["rank_ideal"] = (
+            _correlate_ranks(sd[rows], error),
+            _correlate_ranks(sd[rows], ideal),
+        )
     return found
 
 
-def _to_points(case: Case, at: Array) -> Array:
+def _find_distances(case: Case, at: Array) -> Array:
     """Distance of places (n, d) to the nearest mapping point, as the field `prior_only` of a run has it."""
     from scipy.spatial import cKDTree
 
@@ -197,7 +202,7 @@ def is_valid(case: Case, surface: Surface) -> float:
     return float(bool(found["watertight"]) and same and found["self_intersections"] == 0)
 
 
-def _carried(case: Case, estimate: Estimate, at: Array) -> Array:
+def _carry_points(case: Case, estimate: Estimate, at: Array) -> Array:
     """Where points of the prior went: by the motion, or with the surface where it keeps the prior's
     vertices.
     """
@@ -211,7 +216,7 @@ def _carried(case: Case, estimate: Estimate, at: Array) -> Array:
     return np.asarray(np.einsum("nc,ncd->nd", bary, estimate.surface.vertices[case.prior.faces[face]]))
 
 
-def _rank(a: Array, b: Array) -> float:
+def _correlate_ranks(a: Array, b: Array) -> float:
     from scipy.stats import spearmanr
 
     return float(spearmanr(a, b).statistic)
@@ -256,7 +261,7 @@ def _lay_out_group(group: str, records: list[Record]) -> str:
     rows = [[f"{group} ({cases})", *columns, "sigma/true", "in 95 %", "prior only", "rank/ideal", "valid"]]
     for method in methods:
         own = [r for r in records if r["method"] == method]
-        rows.append([method, *(_spread(_values(own, c)) for c in columns), *_quality(own)])
+        rows.append([method, *(_show_spread(_collect_values(own, c)) for c in columns), *_show_quality(own)])
     if group in ASKED:
         rows.append(
             [
@@ -265,15 +270,15 @@ def _lay_out_group(group: str, records: list[Record]) -> str:
                 *[""] * 5,
             ]
         )
-    return "\n".join([lay_out(rows), *_comparisons(records)])
+    return "\n".join([lay_out(rows), *_compare_methods(records)])
 
 
-def _values(records: list[Record], key: str) -> Array:
+def _collect_values(records: list[Record], key: str) -> Array:
     values = np.array([r[key] for r in records if key in r], dtype=np.float64)
     return values[np.isfinite(values)]
 
 
-def _spread(values: Array) -> str:
+def _show_spread(values: Array) -> str:
     if len(values) == 0:
         return ""
     if len(values) == 1:
@@ -281,25 +286,25 @@ def _spread(values: Array) -> str:
     return f"{values.mean():.3f}±{values.std(ddof=1) / np.sqrt(len(values)):.3f} ({values.max():.2f})"
 
 
-def _quality(records: list[Record]) -> list[str]:
-    ratio, cover, valid = (_values(records, key) for key in ("sigma_ratio", "cover95", "valid"))
-    rank, ideal = _values(records, "rank"), _values(records, "rank_ideal")
+def _show_quality(records: list[Record]) -> list[str]:
+    ratio, cover, valid = (_collect_values(records, key) for key in ("sigma_ratio", "cover95", "valid"))
+    rank, ideal = _collect_values(records, "rank"), _collect_values(records, "rank_ideal")
     return [
         f"{ratio.mean():.3f}" if len(ratio) else "",
         f"{100 * cover.mean():.1f}" if len(cover) else "",
-        _of_prior_only(records),
+        _show_prior_only(records),
         f"{rank.mean():.2f}/{ideal.mean():.2f}" if len(rank) else "",
         f"{valid.sum():.0f} of {len(valid)}" if len(valid) else "",
     ]
 
 
-def _of_prior_only(records: list[Record]) -> str:
+def _show_prior_only(records: list[Record]) -> str:
     """Share (%) of the wall far from all points, of all cases together, that is within its 95 % band."""
-    far, within = _values(records, "prior_only"), _values(records, "prior_only_within")
+    far, within = _collect_values(records, "prior_only"), _collect_values(records, "prior_only_within")
     return f"{100 * within.sum() / far.sum():.1f}" if far.sum() > 0.0 else ""
 
 
-def _comparisons(records: list[Record]) -> list[str]:
+def _compare_methods(records: list[Record]) -> list[str]:
     """What the joint estimate is worth against its parts and the best peer, case by case."""
     key = "held_out" if any("held_out" in r for r in records) else "ssd"
     by = {
@@ -309,17 +314,17 @@ def _comparisons(records: list[Record]) -> list[str]:
     if "level_set" not in by:
         return []
     pairs = [("icp", key), *(("deform", k) for k in dict.fromkeys((key, "ssd")))]
-    said = [_against(by["level_set"], by[name], name, k) for name, k in pairs if name in by]
+    said = [_compare_pairwise(by["level_set"], by[name], name, k) for name, k in pairs if name in by]
     if "icp" in by and any("unseen" in r for r in records):
-        said.append(_against(by["level_set"], by["icp"], "icp", "unseen"))
+        said.append(_compare_pairwise(by["level_set"], by["icp"], "icp", "unseen"))
     measures = [
         k for k in dict.fromkeys((key, "ssd", "ssd_seen", "ssd_unseen")) if any(k in r for r in records)
     ]
-    said += [line for measure in measures for line in _best_peer(by, measure)]
+    said += [line for measure in measures for line in _compare_best_peer(by, measure)]
     return said
 
 
-def _best_peer(by: dict[str, dict[str, Record]], key: str) -> list[str]:
+def _compare_best_peer(by: dict[str, dict[str, Record]], key: str) -> list[str]:
     """The lowest mean of a peer beside ours on the same cases; one that failed on some is told by their
     number.
     """
@@ -335,18 +340,18 @@ def _best_peer(by: dict[str, dict[str, Record]], key: str) -> list[str]:
     ]
 
 
-def _against(ours: dict[str, Record], theirs: dict[str, Record], name: str, key: str) -> str:
+def _compare_pairwise(ours: dict[str, Record], theirs: dict[str, Record], name: str, key: str) -> str:
     both = [case for case in ours if case in theirs and key in ours[case]]
     a, b = (np.array([side[case][key] for case in both]) for side in (ours, theirs))
     worse, better = int((a - b > TOLERATED).sum()), int((b - a > TOLERATED).sum())
     return (
-        f"  {key}: level_set - {name} = {_signed(a - b)}; by more than {TOLERATED} worse in {worse}, "
-        f"better in {better} of {len(both)}; "
+        f"  {key}: level_set - {name} = {_show_difference(a - b)}; by more than {TOLERATED} "
+        f"worse in {worse}, better in {better} of {len(both)}; "
         f"largest ratio {float((a / b).max()):.3f}"
     )
 
 
-def _signed(difference: Array) -> str:
+def _show_difference(difference: Array) -> str:
     if len(difference) == 1:
         return f"{difference[0]:+.3f}"
     return (
@@ -408,12 +413,12 @@ def _group_widely(records: list[Record]) -> dict[str, list[Record]]:
     """Records by group, by what groups have in common (kind of visit, spread), and all together."""
     found: dict[str, list[Record]] = {}
     for record in records:
-        for name in dict.fromkeys((record["group"], *_wider(record["group"]))):
+        for name in dict.fromkeys((record["group"], *_name_wider(record["group"]))):
             found.setdefault(name, []).append(record)
     return dict(sorted(found.items()))
 
 
-def _wider(group: str) -> list[str]:
+def _name_wider(group: str) -> list[str]:
     """`unvisited_half_350_even` belongs to `unvisited_half_*_even`, `unvisited_*_even` and `unvisited_*`."""
     stem, *rest = group.rsplit("_", 2)
     kind = "unvisited" if stem.startswith("unvisited_") else stem

@@ -16,6 +16,10 @@ asked for; without a run the demo is made afresh. Another page, such as the coho
 is ready when its scripts have run and it is laid out and drawn. On a machine that does other work that is an
 upper bound, and the least of some visits comes nearest. WebGL is drawn by software, as on a machine without
 a graphics card.
+
+With --cohort it is a cohort on two workers of dask beside the same on one, begin and end included: the demo's
+atrium with other seeds, the default pipeline, one thread a worker. What the engine takes is what one worker
+needs from its first outcome to its last beyond a plain loop over the same cases.
 """
 
 from __future__ import annotations
@@ -26,7 +30,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -73,7 +80,10 @@ LIMITS = {  # what is asked for
     "later run": (7.0, "s"),
     "first run / later run": (1.3, "x"),
     "  reading, scoring, writing": (1.0, "s"),
+    "two workers / one": (0.55, "x"),
+    "engine": (5.0, "%"),
 }
+COHORT_SEED = 61_001
 RUN_PARTS = {  # of one process: what is said of it, by its function
     "reading the case": "o3dls.io.case_reader:read_case",
     "checking it": "o3dls.pipeline.pipeline:Pipeline.refusals",
@@ -201,16 +211,20 @@ def engine(seed: int, repeat: int) -> list[Row]:
     for stage in (ICP(), Deform(), Topology(), LevelSet()):
         seconds, at = timed(lambda stage=stage, at=at: stage(shown, at), repeat)  # type: ignore[misc]
         total = total + seconds
-        rows.append(_row(f"stage {stage.name}", seconds, case, at.surface, at.status))
+        rows.append(_score_held_out(f"stage {stage.name}", seconds, case, at.surface, at.status))
         if stage.name == "deform":
-            rows.append(_row("motion", total, case, at.surface, "alignment, motion field and posterior"))
+            rows.append(
+                _score_held_out("motion", total, case, at.surface, "alignment, motion field and posterior")
+            )
     rows.append(
-        _row("everything", total, case, at.surface, "with level set at 1 mm, isosurface and clean-up")
+        _score_held_out(
+            "everything", total, case, at.surface, "with level set at 1 mm, isosurface and clean-up"
+        )
     )
     return rows
 
 
-def _row(what: str, seconds: Time, case: Any, surface: Any, status: str) -> Row:
+def _score_held_out(what: str, seconds: Time, case: Any, surface: Any, status: str) -> Row:
     return {
         "what": what,
         "value": seconds.clock,
@@ -229,12 +243,14 @@ def halving(seed: int, repeat: int) -> list[Row]:
     from o3dls.pipeline.start import start_estimate
 
     case, start = problem(seed)
-    row, moved = _halved("halving", case, start, repeat)
+    row, moved = _halve_spacing("halving", case, start, repeat)
     rows = [row]
     data = os.environ.get("O3DLS_DATA")
     if data:
         crossed = pair(1000, Path(data), RECONSTRUCTED)
-        rows.append(_halved("halving, cross 1000", crossed, start_estimate(crossed.visible()), repeat)[0])
+        rows.append(
+            _halve_spacing("halving, cross 1000", crossed, start_estimate(crossed.visible()), repeat)[0]
+        )
     v, f = moved.surface.vertices, moved.surface.faces
     # with the pad about 128 nodes along the longest side
     spacing = float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0
@@ -247,7 +263,7 @@ def halving(seed: int, repeat: int) -> list[Row]:
     ]
 
 
-def _halved(what: str, case: Any, start: Any, repeat: int) -> tuple[Row, Any]:
+def _halve_spacing(what: str, case: Any, start: Any, repeat: int) -> tuple[Row, Any]:
     """By how much longer the level set stage takes at half the spacing; and what it starts from."""
     from benchmarks.peers import cost
     from o3dls.stages.deform import Deform
@@ -284,7 +300,7 @@ def many(seed: int, repeat: int) -> list[Row]:
         lambda: LevelSet()(shown, Topology()(shown, Deform()(shown, ICP()(shown, start)))),
         max(1, repeat // 3),
     )
-    return [_row("20 000 points", seconds, case, found.surface, found.status)]
+    return [_score_held_out("20 000 points", seconds, case, found.surface, found.status)]
 
 
 def one_more(seed: int, repeat: int) -> list[Row]:
@@ -306,7 +322,9 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)
     rows = [
-        _row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), sentence(warm, "mm"))
+        _score_held_out(
+            "one more point", seconds, case, case.prior.with_vertices(warm.vertices), sentence(warm, "mm")
+        )
     ]
     centre = warm.vertices.mean(axis=0)
     floating = data.points.copy()
@@ -358,7 +376,9 @@ def peers(seed: int, repeat: int) -> list[Row]:
         seconds, surface = timed(
             lambda n=name, s=setting: PEERS[n](case.visible(), pose, **s["parameters"]), max(1, repeat // 3)
         )  # type: ignore[misc]
-        rows.append(_row(f"peer {name}", seconds, case, surface, "without the alignment it starts from"))
+        rows.append(
+            _score_held_out(f"peer {name}", seconds, case, surface, "without the alignment it starts from")
+        )
     return rows
 
 
@@ -405,7 +425,7 @@ def cases(seed: int, data: Path | None) -> Iterator[tuple[str, Any]]:
 
 def pair(count: int, data: Path, name: str = PAIR) -> Any:
     """One atrium as prior of another, with so many points; `name` of a development pair."""
-    from benchmarks.make_cases import crossed, made
+    from benchmarks.cases import crossed, made
 
     wanted = {one.name: one for one in crossed(judging=False)}
     return made(wanted[name.format(points=count)], data)
@@ -523,10 +543,43 @@ def cores(_: int, repeat: int) -> list[Row]:
     return [{"what": "cores", "value": count * one / every, "unit": "x", "status": status}]
 
 
+def cholesky(seed: int, repeat: int) -> list[Row]:
+    """The stage `topology` where it adds a vein, by trials that are fitted side by side: with LAPACK as
+    o3dls calls it, and through SciPy's wrappers, which keep the interpreter's lock.
+    """
+    from data_synth.atrium import atrium
+    from o3dls import ICP, Deform, Landmarks, Pipeline, Topology
+
+    gaussian_process: Any = import_module("o3dls.motion.field.gaussian_process")
+    case = atrium(seed, points=1000, lacks="prior")
+    start = Pipeline([Landmarks(), ICP(), Deform()], folds=0).fit(case)["deform"]
+    own, rows = gaussian_process.factor_and_inverse, list[Row]()
+    try:
+        for what, routine in (("by o3dls", own), ("by SciPy", _factor_and_inverse)):
+            gaussian_process.factor_and_inverse = routine
+            seconds, found = timed(lambda: Topology()(case.visible(), start), repeat)
+            rows.append(_score_row(f"topology, LAPACK {what}", seconds, case, found.surface, found.status))
+    finally:
+        gaussian_process.factor_and_inverse = own
+    gain = rows[1]["value"] / rows[0]["value"]
+    return [*rows, {"what": "by SciPy / by o3dls", "value": gain, "unit": "x", "status": ""}]
+
+
+def _factor_and_inverse(matrix: Any) -> tuple[Any, Any, int]:
+    """Return what `o3dls.cholesky.factor_and_inverse` does, by SciPy's wrappers of LAPACK."""
+    import numpy as np
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    factor, fault = dpotrf(matrix, lower=1, clean=1)
+    lower = np.tril(dpotri(factor, lower=1)[0])
+    return factor, lower + np.tril(lower, -1).T, fault
+
+
 PARTS: dict[str, Callable[[int, int], list[Row]]] = {
     "cores": cores,
     "engine": engine,
     "halving": halving,
+    "cholesky": cholesky,
     "many": many,
     "one_more": one_more,
     "memory": memory,
@@ -580,6 +633,11 @@ def _count_children() -> float:
     return spent.children_user + spent.children_system
 
 
+def _count_processor() -> float:
+    """Seconds of the processor of this process, and of those that it has begun and that have ended."""
+    return process_time() + _count_children()
+
+
 def _time_parts(folder: Path, alone: str, variables: Mapping[str, str]) -> list[Row]:
     """Of a later run without folds, by the clock; imports happen in other parts too, and count in both."""
     command = [sys.executable, "-c", TIMED_RUN, json.dumps(RUN_PARTS), *_compose_run(folder, [], alone)]
@@ -589,6 +647,65 @@ def _time_parts(folder: Path, alone: str, variables: Mapping[str, str]) -> list[
     return [
         {"what": f"  {said}", "value": value, "unit": "s", "status": ""} for said, value in seconds.items()
     ]
+
+
+def cohort(count: int) -> Iterator[Row]:
+    """Rows on so many cases, at least two, that are run on one worker and on two."""
+    from data_synth.atrium import atrium
+    from o3dls.io.case_writer import write_case
+
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        folders = [folder / "cases" / f"atrium_{k:02d}" for k in range(count)]
+        for k, case in enumerate(folders):
+            write_case(case, replace(atrium(seed=COHORT_SEED + k), name=case.name))
+        _run_batch(folders[:2], folder / "warm", 1)  # compiles the loops
+        with ProcessPoolExecutor(1, get_context("spawn")) as process:
+            loop = process.submit(loop_over, folders, folder / "loop").result()
+        (one, between), (two, _) = (_run_batch(folders, folder / f"by_{n}", n) for n in (1, 2))
+    about = {"unit": "s", "status": f"{count} cases"}
+    yield {"what": "one worker", "value": one.clock, "cpu": one.cpu, **about}
+    yield {"what": "two workers", "value": two.clock, "cpu": two.cpu, **about}
+    yield {"what": "two workers / one", "value": two.clock / one.clock, "unit": "x", "status": ""}
+    share = {"value": 100.0 * (between - loop) / between, "unit": "%"}
+    said = f"first outcome to last {between:.1f} s, of a plain loop {loop:.1f} s"
+    yield {"what": "engine", **share, "status": said}
+
+
+def _run_batch(folders: list[Path], out: Path, workers: int) -> tuple[Time, float]:
+    """Run the cases on so many workers: the time of the batch, and the seconds from first to last outcome."""
+    from o3dls.pipeline.batch import run_cohort
+    from o3dls.pipeline.file import default_pipeline
+    from o3dls.pipeline.study import planned
+
+    ends: list[float] = []
+    begin, before = perf_counter(), _count_processor()
+    outcomes = run_cohort(
+        planned(folders, default_pipeline(), trim=True),
+        out,
+        jobs=workers,
+        scheduler="local",
+        told=lambda _: ends.append(perf_counter()),
+    )
+    took = Time(perf_counter() - begin, _count_processor() - before)
+    if failed := [str(one) for one in outcomes if one.error]:
+        raise SystemExit("\n".join(failed))
+    return took, ends[-1] - ends[0]
+
+
+def loop_over(folders: list[Path], out: Path) -> float:
+    """Seconds from the first outcome to the last of a plain loop over the cases."""
+    from o3dls.io.case_reader import read_case
+    from o3dls.pipeline.batch import run_into
+    from o3dls.pipeline.file import default_pipeline
+
+    ends = []
+    for folder in folders:
+        case = read_case(folder)
+        run_into(default_pipeline().allowed_by(case), case, out / folder.name)
+        ends.append(perf_counter())
+    return ends[-1] - ends[0]
 
 
 def visit_page(browser: Any, page: Path, *, report: bool) -> dict[str, float]:
@@ -640,25 +757,33 @@ def main() -> None:
         metavar="RUN|PAGE",
         help="size and start of the page of a finished run, or of another page; default: of the demo",
     )
+    parser.add_argument(
+        "--cohort",
+        type=int,
+        nargs="?",
+        const=16,
+        metavar="CASES",
+        help="a cohort of so many cases, default 16, on two workers and on one",
+    )
     arguments = parser.parse_args()
     if arguments.page is not None:
         print_page(Path(arguments.page) if arguments.page else None, arguments.repeat)
         return
-    if arguments.cli:
+    if arguments.cli or arguments.cohort:
         print(HEAD)
-        for row in command_line(arguments.repeat):
-            print(_line(row))
+        for row in cohort(arguments.cohort) if arguments.cohort else command_line(arguments.repeat):
+            print(_lay_out_row(row))
         return
     if arguments.json and arguments.part and len(arguments.part) == 1:
-        _say(PARTS[arguments.part[0]](arguments.seed, arguments.repeat))
+        _print_json(PARTS[arguments.part[0]](arguments.seed, arguments.repeat))
         return
     print(HEAD)
     for part in arguments.part or PARTS:  # each in a process of its own: memory and caches do not mix
-        for row in _apart(part, arguments.seed, arguments.repeat):
-            print(_line(row), flush=True)
+        for row in _run_apart(part, arguments.seed, arguments.repeat):
+            print(_lay_out_row(row), flush=True)
 
 
-def _apart(part: str, seed: int, repeat: int) -> list[Row]:
+def _run_apart(part: str, seed: int, repeat: int) -> list[Row]:
     command = [
         sys.executable,
         "-m",
@@ -687,12 +812,12 @@ def _apart(part: str, seed: int, repeat: int) -> list[Row]:
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
-def _say(rows: list[Row]) -> None:
+def _print_json(rows: list[Row]) -> None:
     for row in rows:
         print(json.dumps(row))
 
 
-def _line(row: Row) -> str:
+def _lay_out_row(row: Row) -> str:
     limit = LIMITS.get(row["what"])
     asked = f"<= {limit[0]:g} {limit[1]}" if limit else ""
     error = row.get("held_out_mm", row.get("error_mm"))

@@ -1,6 +1,6 @@
 """The verdict as a classifier: python -m benchmarks.verdict FOLDER... --records FILE
 
-    python -m benchmarks.make_cases altered cases/dev --data ../shared/data
+    python -m benchmarks.cases altered cases/dev --data ../shared/data
     python -m benchmarks.verdict cases/dev --records dev.jsonl --runs runs/dev      every case, one line each
     python -m benchmarks.verdict cases/dev --records dev.jsonl --peers poisson      and a peer's error
     python -m benchmarks.verdict --table dev.jsonl --csv dev.csv
@@ -152,7 +152,7 @@ def read_records(path: Path | None) -> dict[str, Record]:
     return found
 
 
-def _kept(path: Path | None, records: Iterable[Record]) -> None:
+def _append_records(path: Path | None, records: Iterable[Record]) -> None:
     """Append each record as it comes, and say so."""
     for record in records:
         said = record.get("error") or record.get("grade") or record.get("peers")
@@ -352,7 +352,7 @@ def write_csv(path: Path, records: Iterable[Record], *, brief: bool = False) -> 
     """Write every case as a row: grade, headline, truth, why it is bad and what was said; and, unless the
     table is to be brief, the true errors of every estimate and the raw statistics.
     """
-    rows = [_flatten(record) for record in records]
+    rows = [_flatten_record(record) for record in records]
     if brief:
         rows = [{name: _round_value(row.get(name)) for name in KEPT} for row in rows]
     names = dict.fromkeys(key for row in rows for key in row)
@@ -366,7 +366,7 @@ def _round_value(value: object) -> object:
     return round(value, 3) if isinstance(value, float) else value
 
 
-def _flatten(record: Record) -> Record:
+def _flatten_record(record: Record) -> Record:
     about = {key: record.get(key) for key in ("group", "case", "points", "seconds", "error")}
     if "grade" not in record:
         return about | {"grade": "refused"}
@@ -438,7 +438,7 @@ def _separate_by(name: str, values: Array, bad: Array, errors: Array) -> tuple[f
     return strength, said + "         ".join(caught)
 
 
-def _arguments() -> argparse.Namespace:
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -464,7 +464,7 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _run(arguments: argparse.Namespace) -> None:
+def _run_cases(arguments: argparse.Namespace) -> None:
     records = read_records(arguments.records)
     listed = find(arguments.folders)
     if arguments.peers is not None:
@@ -476,11 +476,11 @@ def _run(arguments: argparse.Namespace) -> None:
         todo = [one for one in listed if one.name not in records]
         work = partial(judged, folds=arguments.folds, keep=arguments.runs)
     with workers(arguments.jobs) as pool:
-        _kept(arguments.records, pool.map(work, todo))
+        _append_records(arguments.records, pool.map(work, todo))
 
 
 def main() -> None:
-    arguments = _arguments()
+    arguments = _parse_arguments()
     if arguments.separation:
         done = [r for r in read_records(arguments.separation).values() if "grade" in r]
         print(separation(done, arguments.most))
@@ -488,9 +488,9 @@ def main() -> None:
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     if arguments.again:
         found = (graded_again(r, arguments.again) for r in read_records(arguments.records).values())
-        _kept(arguments.out, found)
+        _append_records(arguments.out, found)
     elif not arguments.table:
-        _run(arguments)
+        _run_cases(arguments)
     shown = arguments.table or arguments.out or arguments.records
     records = list(read_records(shown).values())
     print(table(records))

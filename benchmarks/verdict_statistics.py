@@ -40,22 +40,22 @@ def statistics(run: Run) -> Statistics:
     named = dict(run.estimates) | {"final": run.estimates[run.final]}
     found: Statistics = {"final": run.final, "icp_pose": named["icp"].T_map_prior.tolist()}
     for name, estimate in named.items():
-        found |= _of_estimate(run, name, estimate)
-    found |= _wall(run, named["final"])
+        found |= _describe_estimate(run, name, estimate)
+    found |= _describe_wall(run, named["final"])
     if "deform" in named:
-        found |= _outliers(run, named["deform"]) | _stretch(run, named["deform"])
+        found |= _describe_outliers(run, named["deform"]) | _measure_stretch(run, named["deform"])
         found |= left_out_statistics(named["deform"])
     for a, b in PAIRS:
         if a in named and b in named:
-            found[f"apart_{a}_{b}"] = _apart(named[a].surface, named[b].surface)
-    return {key: _plain(value) for key, value in found.items()}
+            found[f"apart_{a}_{b}"] = _measure_gap(named[a].surface, named[b].surface)
+    return {key: _convert_scalar(value) for key, value in found.items()}
 
 
-def _plain(value: Any) -> Any:
+def _convert_scalar(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _of_estimate(run: Run, name: str, estimate: Estimate) -> Statistics:
+def _describe_estimate(run: Run, name: str, estimate: Estimate) -> Statistics:
     """What the estimate says of itself, and how points and landmarks lie to it."""
     found: Statistics = {
         f"{name}_sigma": estimate.sigma,
@@ -69,15 +69,15 @@ def _of_estimate(run: Run, name: str, estimate: Estimate) -> Statistics:
     facts = {key: value for key, value in estimate.facts.items() if isinstance(value, int | float | bool)}
     found |= {f"{name}_{key}": float(value) for key, value in facts.items()}
     found |= {f"{name}_{key}": value for key, value in (estimate.trace or ({},))[-1].items()}
-    return found | _to_points(run, name, estimate)
+    return found | _compare_with_points(run, name, estimate)
 
 
-def _to_points(run: Run, name: str, estimate: Estimate) -> Statistics:
+def _compare_with_points(run: Run, name: str, estimate: Estimate) -> Statistics:
     """How mapping points, ablation points and landmarks lie to the estimate."""
     found: Statistics = {}
-    signed = _signed(run.case.points.of("eam").xyz, estimate.surface)
-    found |= {f"resid_{name}_{key}": value for key, value in _residuals(signed).items()}
-    found |= _going_together(name, run.case.points.of("eam").xyz, signed)
+    signed = _measure_signed(run.case.points.of("eam").xyz, estimate.surface)
+    found |= {f"resid_{name}_{key}": value for key, value in _summarise_residuals(signed).items()}
+    found |= _correlate_residuals(name, run.case.points.of("eam").xyz, signed)
     if len(burnt := run.case.points.of("ablation").xyz):
         found[f"ablation_{name}"] = distances(burnt, estimate.surface).mean()
     marks = landmark_errors(run.case, estimate)
@@ -89,14 +89,14 @@ def _to_points(run: Run, name: str, estimate: Estimate) -> Statistics:
     return found
 
 
-def _signed(points: Array, surface: Surface) -> Array:
+def _measure_signed(points: Array, surface: Surface) -> Array:
     """Distances (n,), positive outside of the wall next to each point."""
     squared, face, foot, _ = surface.closest_point.query(points)
     side = np.sign(((points - foot) * surface.face_normals[face]).sum(axis=1))
     return np.asarray(np.sqrt(squared) * side)
 
 
-def _residuals(signed: Array) -> Statistics:
+def _summarise_residuals(signed: Array) -> Statistics:
     size = np.abs(signed)
     quantiles = {f"q{q}": np.percentile(size, q) for q in (50, 75, 90, 95, 99)}
     beyond = {f"beyond_{far}": (size > far).mean() for far in (3, 5, 10)}
@@ -104,7 +104,7 @@ def _residuals(signed: Array) -> Statistics:
     return {"mean": size.mean(), "signed_mean": signed.mean(), **quantiles, **beyond, **inside}
 
 
-def _going_together(name: str, points: Array, signed: Array) -> Statistics:
+def _correlate_residuals(name: str, points: Array, signed: Array) -> Statistics:
     """Correlation of residuals along the order of the points, and between neighbours in space that were not
     taken one after the other; of those within three robust deviations.
     """
@@ -124,13 +124,13 @@ def _going_together(name: str, points: Array, signed: Array) -> Statistics:
     return found
 
 
-def _wall(run: Run, final: Estimate) -> Statistics:
+def _describe_wall(run: Run, final: Estimate) -> Statistics:
     """Deviation of the final wall, and its parts without points."""
     surface = with_fields(run.case, final, run.fitted.get(run.final, ()))
     gap = surface.fields[f"distance_to_nearest_point_{run.unit}"]
     area = surface.vertex_areas / surface.vertex_areas.sum()
     found: Statistics = {f"far_share_{far:g}": float(area @ (gap > far)) for far in BEYOND}
-    found |= {"far_reach": gap.max(), "gap_mean": float(area @ gap)} | _far_part(surface, gap, area)
+    found |= {"far_reach": gap.max(), "gap_mean": float(area @ gap)} | _describe_far_part(surface, gap, area)
     sd = surface.fields.get(f"sd_{run.unit}")
     if sd is not None:
         known = np.where(np.isfinite(sd), sd, 0.0)
@@ -142,7 +142,7 @@ def _wall(run: Run, final: Estimate) -> Statistics:
     return found | {f"validity_{key}": v for key, v in run.validity[run.final].items() if v is not None}
 
 
-def _far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
+def _describe_far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
     """The connected part of the wall farther than 10 mm from all points whose farthest vertex is farthest:
     its share of the area, its area, its widest extent, and how much of a pocket it is: the square of its rim
     over 4 pi of its area, 1 for a flat disc, .5 for half a ball, far less for a tube or a ball on a neck.
@@ -158,7 +158,7 @@ def _far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
     label = connected_components(graph, directed=False)[1]
     part = (label == label[gap.argmax()]) & far
     extent = np.ptp(surface.vertices[part], axis=0).max() if part.any() else 0.0
-    size, rim = float(area @ part) * surface.area, _rim(surface, part)
+    size, rim = float(area @ part) * surface.area, _measure_rim(surface, part)
     pocket = rim**2 / (4.0 * np.pi * size) if size > 0.0 else None
     return {
         "far_part_share": float(area @ part),
@@ -168,7 +168,7 @@ def _far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
     }
 
 
-def _rim(surface: Surface, part: Mask) -> float:
+def _measure_rim(surface: Surface, part: Mask) -> float:
     """Length of the border of a part of the vertices (n,): of edges between faces within it and others."""
     inside = part[surface.faces].all(axis=1)
     directed = [surface.faces[inside][:, pair] for pair in ([0, 1], [1, 2], [2, 0])]
@@ -179,7 +179,7 @@ def _rim(surface: Surface, part: Mask) -> float:
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum())
 
 
-def _outliers(run: Run, deform: Estimate) -> Statistics:
+def _describe_outliers(run: Run, deform: Estimate) -> Statistics:
     """Points that are not believed: how many, on which side, how deep, whether their neighbours are not
     believed either.
     """
@@ -191,13 +191,13 @@ def _outliers(run: Run, deform: Estimate) -> Statistics:
     found: Statistics = {"doubted": doubted.mean(), "believed": deform.weights.mean()}
     if not doubted.any():
         return found
-    signed = _signed(points[doubted], deform.surface)
+    signed = _measure_signed(points[doubted], deform.surface)
     rows = cKDTree(points).query(points[doubted], NEIGHBOURS + 1)[1][:, 1:]
     depth = {f"doubted_depth_{q}": np.percentile(np.abs(signed), q) for q in (50, 90, 100)}
     return found | {"doubted_outside": (signed > 0).mean(), "doubted_together": doubted[rows].mean(), **depth}
 
 
-def _stretch(run: Run, deform: Estimate) -> Statistics:
+def _measure_stretch(run: Run, deform: Estimate) -> Statistics:
     """How the motion stretches the wall beyond its similarity: shares of the area by the longer of the two
     stretches, and the rms of the logarithms of the area's change.
     """
@@ -214,7 +214,7 @@ def _stretch(run: Run, deform: Estimate) -> Statistics:
     return found | {"area_log_rms": float(np.sqrt(share @ np.clip(change, -3.0, 3.0) ** 2))}
 
 
-def _apart(a: Surface, b: Surface) -> float:
+def _measure_gap(a: Surface, b: Surface) -> float:
     """Mean distance between two surfaces, both ways."""
     there, back = distances(sample(a, SAMPLES), b), distances(sample(b, SAMPLES), a)
     return float(0.5 * (there.mean() + back.mean()))
@@ -228,15 +228,15 @@ def left_out_statistics(estimate: Estimate) -> Statistics:
     fit = estimate.fit
     if fit is None:
         return {}
-    rows = len(fit.motion.posterior.alpha) - 3 * len(fit.problem.marks)
-    inverse = _invert_factor(fit.motion.posterior.factor)
+    rows = len(fit.motion.field.solved.alpha) - 3 * len(fit.problem.marks)
+    inverse = _invert_factor(fit.motion.field.solved.factor)
     believed = _select_believed(fit, inverse, rows)
-    at = fit.motion.observed.at[:rows]
+    at = fit.motion.field.observed.at[:rows]
     found: Statistics = {"left_rows": rows}
     for size in BLOCKS:
         count = max(1, len(believed) // size)
         chosen = [believed[rows] for rows in blocks(at[believed], np.arange(len(believed)), count)]
-        found |= predict_blocks(f"left_{size}", inverse, fit.motion.posterior.alpha, chosen)
+        found |= predict_blocks(f"left_{size}", inverse, fit.motion.field.solved.alpha, chosen)
     return found
 
 

@@ -41,9 +41,9 @@ BEST = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN =
-    missing, or text); order (n,): when each was taken: as they come, and the same when some are left out.
-    notes: sentences on numbers that stood for none in a column, and are NaN now.
+    """Points are what was measured: xyz (n, d) in the map frame, type (n,), further columns (n,) by name
+    (numbers, NaN = missing, or text); order (n,): when each was taken: as they come, and the same when some
+    are left out. notes: sentences on numbers that stood for none in a column, and are NaN now.
 
     Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
     """
@@ -136,8 +136,8 @@ def no_points(dimension: int) -> Points:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only evaluation may see: surface, held-out points (n, d), their `unseen` mask, correspondence
-    (prior, truth), outlier rows.
+    """The truth is what only evaluation may see: surface, held-out points (n, d), their `unseen` mask,
+    correspondence (prior, truth), outlier rows.
     """
 
     surface: Surface | None = None
@@ -149,8 +149,8 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never
-    changed.
+    """A case holds a prior surface (prior frame), measured points (map frame) and landmarks, with lengths in
+    `units`, and never changes.
 
     Raises InputError for parts that do not fit together, and for what no file may hold either.
     """

@@ -6,8 +6,8 @@ import re
 
 
 class O3dlsError(Exception):
-    """Base of every error that o3dls raises on purpose; the command line turns it into one line and exit code
-    2.
+    """This is the base of every error that o3dls raises on purpose; the command line turns it into one line
+    and exit code 2.
     """
 
 

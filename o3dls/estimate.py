@@ -26,7 +26,8 @@ SHIFTED = "shifted"  # column of the points that an offset was taken out of
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A surface in the map frame with the motion that led to it, and a sentence on how it went.
+    """An estimate is a surface in the map frame with the motion that led to it, and a sentence on how it
+    went.
 
     T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in
     [0, 1] are the probabilities that each mapping point touches the wall; trace holds one record per

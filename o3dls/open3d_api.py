@@ -31,7 +31,7 @@ REACH = 3.0  # pairs within this many standard deviations of the noise count as 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """What `register` found.
+    """A registration is what `register` found.
 
     transformation (4, 4): the similarity part, prior to points; surface: the fused surface, an Open3D mesh,
     of the tensor interface where the prior was; fitness: share of the points within the correspondence

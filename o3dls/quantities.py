@@ -25,7 +25,7 @@ NAMED = 5  # rows with a wrong value that a sentence names
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity: its unit, and the least and the largest value that it can have."""
+    """A quantity has a unit, and the least and the largest value that it can have."""
 
     unit: str
     least: float

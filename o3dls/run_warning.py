@@ -80,7 +80,7 @@ GRADES: Mapping[str, Grade] = {
 
 @dataclass(frozen=True)
 class RunWarning:
-    """A warning: `code` is one of CODES, `sentence` is for people, `stage` names its estimate.
+    """A warning has a `code`, one of CODES, a `sentence` for people, and the `stage` that names its estimate.
 
     The pipeline fills in the stage when it stores the estimate. Raises ValueError for an unknown code.
     """

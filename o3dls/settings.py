@@ -11,7 +11,7 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a settings class as people read it; `name` has a dot for each class around it."""
+    """This is one number of a settings class as people read it; `name` has a dot for each class around it."""
 
     name: str
     value: Any

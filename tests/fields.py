@@ -9,8 +9,8 @@ import numpy as np
 from o3dls.arrays import Array
 from o3dls.geometry.similarity import apply, fit_similarity
 from o3dls.geometry.surface import Surface, outline
-from o3dls.motion.covariance import Covariance
-from o3dls.motion.observations import Data
+from o3dls.motion.field.covariance import Covariance
+from o3dls.motion.field.observations import Data
 
 SIZE = 25.0  # about the rms radius of the bodies, mm
 

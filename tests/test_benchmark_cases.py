@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import make_cases
+from benchmarks import cases
 from benchmarks.cases import find, tuned_as
 
 
@@ -37,9 +37,9 @@ def test_groups_by_name(name: str, group: str, tuned: str, tmp_path: Path) -> No
     assert (found.group, tuned_as(found.group)) == (group, tuned)
 
 
-@pytest.mark.parametrize("which", make_cases.SETS)
+@pytest.mark.parametrize("which", cases.SETS)
 def test_development_and_judging_share_no_seed_and_no_name(which: str) -> None:
-    development, judging = (list(make_cases.SETS[which](judging)) for judging in (False, True))
+    development, judging = (list(cases.SETS[which](judging)) for judging in (False, True))
     assert not {w.seed for w in development} & {w.seed for w in judging}
     for wanted in (development, judging):
         assert len({w.name for w in wanted}) == len(wanted)
@@ -48,27 +48,27 @@ def test_development_and_judging_share_no_seed_and_no_name(which: str) -> None:
 
 def test_every_atrium_is_the_prior_of_every_other_once_per_kind() -> None:
     kinds: dict[str, set[tuple[str, str | None]]] = {}
-    for one in make_cases.paired(judging=False):
+    for one in cases.paired(judging=False):
         kinds.setdefault(one.name.rpartition("_")[0], set()).add((one.prior, one.truth))
     assert len(kinds) == 4
     assert all(len(pairs) == 20 and all(a != b for a, b in pairs) for pairs in kinds.values())
 
 
 def test_crossed_pairs_of_judging_are_twenty_and_of_other_atria() -> None:
-    pairs = [{(w.prior, w.truth) for w in make_cases.crossed(judging)} for judging in (False, True)]
+    pairs = [{(w.prior, w.truth) for w in cases.crossed(judging)} for judging in (False, True)]
     assert len(pairs[1]) == 20
     assert not {a for pair in pairs[0] for a in pair} & {a for pair in pairs[1] for a in pair}
 
 
 def test_masks_of_the_challenge_develop_up_to_79_and_judge_from_80() -> None:
-    for judging, names in ((False, make_cases.OWN_DEVELOPMENT), (True, make_cases.OWN_JUDGING)):
+    for judging, names in ((False, cases.OWN_DEVELOPMENT), (True, cases.OWN_JUDGING)):
         numbers = [int(Path(name).stem.removeprefix("la_")) for name in names if name.startswith("lasc2018")]
         assert len(numbers) == (10 if judging else 5)
         assert all((80 <= k <= 99) == judging for k in numbers)
 
 
 def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> None:
-    judged = list(make_cases.left_out(judging=True))
+    judged = list(cases.left_out(judging=True))
     assert len(judged) == 120
     kinds = Counter(one.name.rpartition("_")[0] for one in judged)
     assert len(kinds) == 4 * 4 * 2
@@ -77,4 +77,4 @@ def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> 
 
 
 def test_badly_segmented_priors_are_ten_and_twenty() -> None:
-    assert [len(list(make_cases.bad_priors(judging))) for judging in (False, True)] == [10, 20]
+    assert [len(list(cases.bad_priors(judging))) for judging in (False, True)] == [10, 20]

@@ -24,6 +24,7 @@ METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 # `levelset/refine.py`, `levelset/grid/`, and behind a colon names in that file
 PATH = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py|(?:[a-z_0-9]+/){2,})`")
+BENCHMARK = re.compile(r"python -m benchmarks\.(\w+)([^`\n]*)")
 NAMED = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py)`:? `([A-Za-z_]\w*(?:\.\w+)?)`")
 
 
@@ -67,6 +68,15 @@ def _has(path: str, name: str) -> bool:
     known = names(file) if file else set()
     # a method may be named without its class
     return name in known or any(one.endswith(f".{name}") for one in known)
+
+
+def test_every_benchmark_prints_what_a_page_shows_and_takes_the_options_that_it_gives() -> None:
+    texts = [path.read_text(encoding="utf-8") for path in PAGES]
+    commands = [named for text in texts for named in BENCHMARK.findall(text)]
+    sources = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "benchmarks").glob("*.py")}
+    assert {name for name, _ in commands} == {name for name, text in sources.items() if "__main__" in text}
+    for name, arguments in commands:
+        assert all(f'"{option}"' in sources[name] for option in re.findall(r"--[a-z-]+", arguments)), name
 
 
 def test_the_glossary_names_a_file_for_every_term() -> None:
@@ -141,7 +151,7 @@ def ways() -> dict[str, list[tuple[str, str, str, str]]]:
 
 
 def test_there_are_three_ways_through_the_code() -> None:
-    assert [len(steps) for steps in ways().values()] == [10, 12, 12]
+    assert [len(steps) for steps in ways().values()] == [10, 14, 12]
 
 
 @pytest.mark.parametrize("title", ways())

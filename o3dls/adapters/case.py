@@ -29,7 +29,7 @@ Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 
 class Settings(Choice, total=False):
-    """The options that `case_of` takes besides a prior, points, landmarks and a pose."""
+    """These are the options that `case_of` takes besides a prior, points, landmarks and a pose."""
 
     name: str
     phases: Sequence[Any]

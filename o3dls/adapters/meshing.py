@@ -31,7 +31,9 @@ WIDER = 1.15
 
 @dataclass(frozen=True, eq=False)
 class Extraction:
-    """The zero set of a level set as a mesh, and how far the clean-up moved its vertices (length)."""
+    """An extraction is the zero set of a level set as a mesh, with how far the clean-up moved its vertices
+    (length).
+    """
 
     surface: Surface
     shift_mean: float

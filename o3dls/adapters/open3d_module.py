@@ -11,7 +11,7 @@ PLOTS = "dash"  # a web server, for open3d.visualization.draw_plotly alone: a qu
 
 
 class Later:
-    """A name of a module that is imported when the name is used."""
+    """This name of a module is imported only when it is used."""
 
     def __init__(self, module: str, name: str) -> None:
         self._module, self._name = module, name
@@ -27,7 +27,7 @@ class Later:
 
 
 class _Names(ModuleType):
-    """A module that stands for another one, and gives its names for later."""
+    """This module stands for another one, whose names it imports only when they are used."""
 
     def __getattr__(self, name: str) -> Later:
         if name.startswith("__"):

@@ -22,7 +22,7 @@ HALF_BAND = 3.0  # spacings on either side of the surface
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """The signed distance of a surface on a box of voxels.
+    """Voxels hold the signed distance of a surface on a box.
 
     phi (nx, ny, nz): distance at the centre of each voxel, in the surface's unit of length, negative inside;
     exact inside and up to the margin outside, cut there. spacing: size of a voxel; origin (3,): centre of

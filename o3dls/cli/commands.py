@@ -15,7 +15,7 @@ from . import runs as cli_runs
 from . import settings as cli_settings
 from .interrupts import heeded
 from .memory import check_memory
-from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT, complain, say_lines
+from .words import DONE, INTERNAL, INTERRUPTED, MOST_LETTERS, UNREAD, WRONG_INPUT, complain, say_lines
 
 COMPLETE = "_O3DLS_COMPLETE"  # click reads from this variable what a shell wants completed
 COMPLETIONS = "must be bash_source, zsh_source or fish_source"
@@ -56,7 +56,31 @@ def _report_failure(sentence: str, code: int) -> int:
     return code
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+# what people come for, and the commands that do it
+TASKS = {
+    "From a case to a run": ("demo", "init", "import", "check", "run", "batch"),
+    "Look at runs": ("report", "view", "next", "compare", "cohort"),
+    "While a map is being taken": ("live", "send"),
+    "Files for other programs": ("convert", "export"),
+    "About the program": ("stages", "settings", "schema", "doctor", "paper"),
+}
+
+
+class ByTask(click.Group):
+    """A group whose help lists the commands by task, each with its whole first sentence."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for task, names in TASKS.items():
+            known = [(name, self.get_command(ctx, name)) for name in names]
+            with formatter.section(task):
+                formatter.write_dl([(name, _first_sentence(one)) for name, one in known if one])
+
+
+def _first_sentence(command: click.Command) -> str:
+    return command.get_short_help_str(limit=MOST_LETTERS)
+
+
+@click.group(cls=ByTask, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.version_option(__version__, prog_name="o3dls")
 def cli() -> None:
     """Fuse an atrium's prior surface with electroanatomic points. Research software, not for clinical use."""

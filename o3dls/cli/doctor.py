@@ -64,8 +64,8 @@ RENDER_SECONDS = 30.0
 
 @dataclass(frozen=True)
 class Check:
-    """One finding; `remedy` is what to do about it, empty where all is well. Without what is not `needed`
-    o3dls still does its work.
+    """A check is one finding of `o3dls doctor`; `remedy` says what to do about it, and is empty where all is
+    well. Without what is not `needed` o3dls still does its work.
     """
 
     name: str

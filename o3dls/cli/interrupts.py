@@ -18,8 +18,8 @@ _heard: list[int] = []  # numbers of the signals that came, in their order
 
 
 class Interrupted(BaseException):
-    """The process shall end; `code` is its exit code, as shells say it. No KeyboardInterrupt, to which
-    libraries have answers of their own.
+    """This exception ends the process with the exit code `code`, as shells define it. No KeyboardInterrupt,
+    to which libraries have answers of their own.
     """
 
     @property

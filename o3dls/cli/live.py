@@ -174,11 +174,12 @@ def _wait_for_end(host: Host, source: Source | None, stop: Event, *, ends: bool)
 def _finish_session(host: Host, record: Path, *, as_json: bool) -> int:
     """Finish the session, and say what it leaves."""
     from ..errors import O3dlsError
-    from ..live.finish import finish
-    from ..live.messages import error
+    from ..live.finish import finish, telling
+    from ..live.messages import error, event
 
     try:
-        found = finish(record, host.session, host.last)
+        with telling(lambda text: host.tell(event("progress", text=text))):
+            found = finish(record, host.session, host.last)
     except O3dlsError as refused:
         host.tell(error(f"the session has ended without a run: {refused}"))
         raise

@@ -39,13 +39,15 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..resources import demo_case
     from ..runs.folder import repeats
     from .libraries import check_libraries
+    from .progress import run_bar
 
     check_libraries()
     plan = default_pipeline()
     with second_process(plan.folds) as pool:
         case = read_case(demo_case())
         force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
-        done = run_into(plan, case, out, force=force, pool=pool)
+        with run_bar(plan):
+            done = run_into(plan, case, out, force=force, pool=pool)
     return _report_run(done, out, as_json=as_json)
 
 
@@ -55,7 +57,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
 @click.option("--points", type=FILE, help="points file in place of the case's")
 @click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of the points: LPS, RAS or unknown")
-@click.option("--out", type=FOLDER, help="run folder to make; overrides the pipeline's")
+@click.option("--out", type=FOLDER, help="run folder to make; default: the pipeline's, else runs/CASE")
 @overrides
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
 @as_json
@@ -77,6 +79,7 @@ def run(
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
     from .libraries import check_libraries
+    from .progress import run_bar
 
     check_libraries()
     if pipeline and pipeline.is_dir():
@@ -85,12 +88,13 @@ def run(
         )
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _require_value(case or plan.case, "--case")
-    out = _require_value(out or plan.out, "--out")
-    check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
+    out = out or plan.out or Path("runs") / folder.resolve().name
     with second_process(plan.folds) as pool:
         subject = read_case(folder, **reading)
+        check_free(out, force, "run", [one for one in (folder, reading["points"], pipeline) if one])
         plan = plan if pipeline else plan.allowed_by(subject)
-        done = run_into(plan, subject, out, force=force, pool=pool)
+        with run_bar(plan):
+            done = run_into(plan, subject, out, force=force, pool=pool)
     return _report_run(done, out, as_json=as_json)
 
 
@@ -213,13 +217,13 @@ def _report_run(result: Run, out: Path, *, as_json: bool) -> int:
     from ..runs.record import plain
     from .summary import summary
 
-    found = summary(out)
+    found = summary(out, result)
     if as_json:
         said = {"valid": not result.faults, "faults": result.faults, "scores": plain(result.scores)}
         say_json(found.record | said)
     else:
         say_lines(result)
-        say_lines(found)
+        found.say()
     for fault in result.faults:
         complain(f"the result is not valid: {result.final}: {fault}")
     return NOT_VALID if result.faults else DONE

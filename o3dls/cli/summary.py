@@ -7,13 +7,18 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..report.checks import checks
 from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
+from .words import say_wrapped
 
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+COLOURS = {WORDS["bad"]: "red", WORDS["amber"]: "yellow", WORDS["good"]: "green"}
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
 ADVICE = {
     "bad": "do not rely on it",
@@ -25,7 +30,9 @@ MOST_REASONS = 2  # so that all fits into five lines
 
 @dataclass(frozen=True)
 class Summary:
-    """The worst grade of the checks on the last estimate of a run, and each that is not OK, worst first."""
+    """A summary gives the worst grade of the checks on the last estimate of a run, and each check that is not
+    OK, worst first.
+    """
 
     folder: Path
     final: str
@@ -67,10 +74,17 @@ class Summary:
         )
         return "\n".join([*lines, str(self.folder)])
 
+    def say(self) -> None:
+        """Print the lines; on a terminal wrapped at words, and grades that ask for a look in colour."""
+        for line in str(self).splitlines():
+            say_wrapped(line, colour=COLOURS.get(line.split()[0]))
 
-def summary(folder: Path) -> Summary:
-    """Summarise a finished run. Raises InputError where the folder is none."""
-    subject = read_subject([folder])
+
+def summary(folder: Path, run: Run | None = None) -> Summary:
+    """Summarise a finished run, read from its folder where it is not at hand. Raises InputError where the
+    folder is none.
+    """
+    subject = read_subject([folder], runs=[run] if run else None)
     found = checks(subject)
     reasons = [one for grade in WORST_FIRST[:-1] for one in found if one.grade == grade]
     without = tuple(one.name for one in found if one.grade == "none")

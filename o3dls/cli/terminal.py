@@ -5,14 +5,19 @@ from __future__ import annotations
 import codecs
 import io
 import logging
+import shutil
 import sys
+from textwrap import wrap
 
 from ..errors import escaped
+from .words import WHOLE
+
+CLOCK = 10  # letters of the seconds before a line
 
 
 class Lines(logging.Formatter):
-    """Progress as plain lines; what is wrong says so first. On a terminal each begins with the seconds since
-    the start.
+    """Lines show progress as plain text; a line on something wrong says so first. On a terminal each begins
+    with the seconds since the start.
     """
 
     def __init__(self, terminal: bool) -> None:
@@ -23,7 +28,11 @@ class Lines(logging.Formatter):
         said = escaped(record.getMessage())
         if record.levelno > logging.INFO:
             said = f"{record.levelname.lower()}: {said}"
-        return f"{record.relativeCreated / 1000.0:6.1f} s  {said}" if self.terminal else said
+        if not self.terminal:
+            return said
+        line = f"{record.relativeCreated / 1000.0:6.1f} s  {said}"
+        wide = shutil.get_terminal_size().columns
+        return "\n".join(wrap(line, wide, subsequent_indent=" " * CLOCK, **WHOLE))
 
 
 def prepare() -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import sys
 from pathlib import Path
+from textwrap import wrap
+from typing import Any
 
 import click
 
@@ -13,6 +17,7 @@ from ..errors import escaped, escaped_lines
 DONE, NOT_VALID, WRONG_INPUT, INTERNAL = 0, 1, 2, 3
 INTERRUPTED, UNREAD = 130, 141  # 128 + SIGINT for Ctrl-C, 128 + SIGPIPE for a closed stdout
 MOST_LETTERS = 4000  # in a sentence: room for two file paths of the greatest length
+WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # paths are to be copied
 FILE = FOLDER = click.Path(path_type=Path)
 
 
@@ -23,6 +28,16 @@ def say(sentence: object, *, error: bool = False, colour: str | None = None) -> 
     """
     text = escaped(str(sentence))
     click.echo(click.style(text, fg=colour) if colour and "NO_COLOR" not in os.environ else text, err=error)
+
+
+def say_wrapped(line: str, *, colour: str | None = None) -> None:
+    """Print a line, on a terminal wrapped at words, with what goes on set in under its first word."""
+    if not sys.stdout.isatty():
+        say(line, colour=colour)
+        return
+    start = line[: len(line) - len(line.lstrip())]
+    for part in wrap(line, shutil.get_terminal_size().columns, subsequent_indent=f"{start}  ", **WHOLE):
+        say(part, colour=colour)
 
 
 def say_lines(text: object, *, error: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -28,8 +29,8 @@ AROUND = 0.4  # rms radii, 10 mm: the surroundings that a place is judged by
 
 @dataclass(frozen=True)
 class Place:
-    """A place worth measuring: xyz (d,) in the map frame, the surface's vertex there, and the distance to the
-    nearest mapping point.
+    """A place is worth measuring: it has xyz (d,) in the map frame, the surface's vertex there, and the
+    distance to the nearest mapping point.
 
     Expected errors, before and after a point there, are means over the wall and over the surroundings; those
     before know of the places proposed earlier. gain is the share of the mean variance that the point takes.
@@ -47,9 +48,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Advice:
-    """Places in the order of their worth, and why there are no more of them where they are fewer than asked
-    for.
-    """
+    """Advice lists places in the order of their worth, and says why there are fewer than asked for, if so."""
 
     places: tuple[Place, ...]
     ended: str = ""
@@ -57,8 +56,8 @@ class Advice:
 
 @dataclass(frozen=True, eq=False)
 class _Wall:
-    """What is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
-    variance (m,) before any was; of each vertex (n,) the nearest of the sample, deviation and weight.
+    """This is what is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
+    variance (m,) before any place was; for each vertex (n,) the nearest of the sample, deviation and weight.
     """
 
     covariance: Array
@@ -109,6 +108,7 @@ def suggest(
     *,
     weights: Array | None = None,
     reachable: Mask | None = None,
+    unvisited: Sequence[Mask] = (),
 ) -> Advice:
     """Return the k places whose measurement lowers the mean posterior variance over the wall most, one after
     another, each with those before it in mind.
@@ -129,6 +129,9 @@ def suggest(
         how much each vertex of the estimate's surface counts beside its area.
     reachable : array of bool (n,), default everywhere
         where the catheter can get.
+    unvisited : sequence of arrays of bool (n,), default none
+        parts of the wall where no point was taken, such as a vein: each that can be reached is proposed,
+        though it is too small to change the mean.
 
     Returns
     -------
@@ -163,9 +166,10 @@ def suggest(
     at = estimate.motion(case.prior.vertices[modes.places])
     wall = _describe_wall(case, estimate, modes, at, weights)
     vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
-    believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
     shallow = _tube_depths(case.prior, modes.places.tobytes()) < APART
-    return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
+    parts = [(reachable & part)[vertex] for part in unvisited]
+    parts = [part & shallow if (part & shallow).any() else part for part in parts]
+    return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, parts, k)
 
 
 @lru_cache(maxsize=2)  # a session asks for the same prior again and again
@@ -196,28 +200,29 @@ def _describe_wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, 
 
 
 def _choose_places(
-    case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, k: int, believed: float
+    case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, parts: list[Mask], k: int
 ) -> Advice:
-    """Return the places of highest worth among those allowed (m,)."""
-    surface = estimate.surface
-    at = surface.vertices[vertex]
-    apart = APART * rms_radius(surface.vertices)
+    """Return the places of highest worth among those allowed (m,), and then one in each part (m,) without a
+    point that none of them is in.
+    """
+    at = estimate.surface.vertices[vertex]
+    apart = APART * rms_radius(estimate.surface.vertices)
     points = estimate.corrected(case).points.of("eam").xyz
     distance = np.asarray(cKDTree(points).query(at)[0]) if len(points) else np.full(len(at), np.inf)
-    allowed = allowed & (distance > apart)
     sigma = estimate.sigma or 0.0
+    believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
+    free = distance > apart
     found: list[Place] = []
-    for _ in range(k):
-        unsure = wall.sd_now[vertex] > wall.mean(wall.sd_now)
-        if not (open_ := allowed & unsure).any():
-            return Advice(tuple(found), "no further place is reachable, unsure and away from the points")
-        gains = np.where(open_, wall.gains(sigma, believed), -1.0)
-        best = int(gains.argmax())
-        if gains[best] < LEAST_GAIN:
-            ended = f"one more point would lower the mean variance by less than {LEAST_GAIN:.0%}"
-            return Advice(tuple(found), ended)
+    ended = ""
+    while len(found) < k:
+        gains = wall.gains(sigma, believed)
+        best, ended = _best_place(wall, vertex, allowed & free, gains)
+        if ended:
+            best = _best_of_parts(parts, free, gains)
+        if best is None:
+            break
         after = wall.measured(best, sigma, believed)
-        near = np.linalg.norm(surface.vertices - at[best], axis=1) < AROUND / APART * apart
+        near = np.linalg.norm(estimate.surface.vertices - at[best], axis=1) < AROUND / APART * apart
         found.append(
             Place(
                 xyz=at[best],
@@ -230,6 +235,24 @@ def _choose_places(
                 gain=float(gains[best]),
             )
         )
-        allowed &= np.linalg.norm(at - at[best], axis=1) > apart
+        free &= np.linalg.norm(at - at[best], axis=1) > apart
+        parts = [part for part in parts if not part[best]]
         wall = after
-    return Advice(tuple(found))
+    return Advice(tuple(found), ended if len(found) < k else "")
+
+
+def _best_place(wall: _Wall, vertex: Ints, allowed: Mask, gains: Array) -> tuple[int | None, str]:
+    """Return the place of the highest gain that is worth a point; else None, and why there is none."""
+    open_ = allowed & (wall.sd_now[vertex] > wall.mean(wall.sd_now))
+    if not open_.any():
+        return None, "no further place is reachable, unsure and away from the points"
+    best = int(np.where(open_, gains, -1.0).argmax())
+    if gains[best] < LEAST_GAIN:
+        return None, f"one more point would lower the mean variance by less than {LEAST_GAIN:.0%}"
+    return best, ""
+
+
+def _best_of_parts(parts: list[Mask], free: Mask, gains: Array) -> int | None:
+    """Return the place of the highest gain in the parts without a point; None where there is none."""
+    open_ = np.any([part & free for part in parts], axis=0) if parts else np.zeros(len(free), dtype=bool)
+    return int(np.where(open_, gains, -1.0).argmax()) if open_.any() else None

@@ -12,7 +12,7 @@ from ..geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """The places where points (k, d) meet a surface.
+    """A projection says where points (k, d) meet a surface.
 
     Distance (k,), face (k,), foot (k, d) and barycentric weights (k, d) in it.
     """

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
+from ..geometry.inner_balls import depth_in_tubes
 from ..geometry.surface import Surface
 from ..registration.landmark_names import VEINS, partners
 
@@ -20,9 +25,18 @@ SIDES = {
     "floor": (2, -1.0),
 }
 OPENINGS = (*VEINS, "LAA", "MA")
-REGIONS = (*SIDES, *OPENINGS)
-WORDS = {"LAA": "appendage", "MA": "mitral annulus"} | {name: f"ostium {name}" for name in VEINS}
+UNNAMED = "tube"  # a vein or an appendage that no landmark names
+REGIONS = (*SIDES, *OPENINGS, UNNAMED)
+WORDS = {
+    "LAA": "appendage",
+    "MA": "mitral annulus",
+    UNNAMED: "vein or appendage without a landmark",
+} | {name: f"ostium {name}" for name in VEINS}
+VALVE = REGIONS.index("MA")
 REACH, OPENS = 10.0, 0.5  # mm about a landmark, and as much more per mm beyond it: veins need not be straight
+ANNULUS = 15.0  # mm about the middle of the valve, which is some 35 mm across
+DEEP, LONG = 5.0, 9.0  # mm out of the chamber: where a tube begins, and how far one has to reach
+SAMPLE = 1500  # vertices, 3 mm apart on an atrium, that tell how deep in a tube their neighbours lie
 LEFT, RIGHT = ("LSPV", "LIPV", "LCPV"), ("RSPV", "RMPV", "RIPV", "RCPV")
 
 
@@ -31,29 +45,108 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
     either side is named, so that nothing says that it is one.
 
     axes (3, 3): unit directions to the patient's left, front and head; landmarks (3,) by name, all in the
-    frame of the surface, in mm. A vertex belongs to a landmark within 10 mm of which it lies, or of the
-    half-line from it away from the chamber's middle, and half a mm more per mm along that: a vein's ostium
-    and what follows it, the appendage, the mitral annulus. All others belong to the side to which they lie
+    frame of the surface, in mm. A vertex belongs to one of the `openings`, or to the side to which it lies
     farthest from the middle, in standard deviations of the chamber along each axis.
     """
-    named = list(landmarks)
-    places = {OPENINGS[j]: landmarks[named[i]] for i, j in partners(named, OPENINGS).items()}
+    places = _find_places(landmarks)
     if not (places.keys() & set(LEFT) and places.keys() & set(RIGHT)):
         return None
+    opening = openings(surface, landmarks)
+    wall = opening < 0
     area = surface.vertex_areas
-    middle = area @ surface.vertices / area.sum()
-    far = np.column_stack([_distance_off_axis(surface.vertices, at, middle) for at in places.values()])
-    wall = far.min(axis=1) > REACH
-    offset = (surface.vertices - middle) @ axes.T
+    offset = (surface.vertices - _middle_of(surface)) @ axes.T
     spread = np.sqrt((area * wall) @ offset**2 / (area @ wall))
     sides = np.column_stack([sign * offset[:, k] / spread[k] for k, sign in SIDES.values()])
-    opening = np.array([REGIONS.index(name) for name in places])[far.argmin(axis=1)]
     return np.asarray(np.where(wall, sides.argmax(axis=1), opening), dtype=np.int64)
+
+
+def openings(surface: Surface, landmarks: Mapping[str, Array]) -> Ints:
+    """Return the vein, the appendage or the valve that each vertex (n,) belongs to, a place in `REGIONS`; -1
+    on the chamber's wall.
+
+    landmarks (3,) by name, in mm and in the frame of the surface; names of no opening say nothing. A vertex
+    belongs to a landmark within 10 mm of which it lies (15 mm of the middle of the valve), or of the
+    half-line from it away from the chamber's middle, and half a mm more per mm along that; or where it lies
+    in the same tube, wherever in it the landmark is. Tubes of 9 mm without a landmark are `UNNAMED`.
+    """
+    places = _find_places(landmarks)
+    middle = _middle_of(surface)
+    depth = _tube_depths(surface)
+    reach = {name: _distance_off_axis(surface.vertices, at, middle) for name, at in places.items()}
+    reach = {name: far - (ANNULUS if name == "MA" else REACH) for name, far in reach.items()}
+    found = np.full(len(depth), -1)
+    nearest = np.full(len(depth), np.inf)
+    for name in places:
+        begin = reach[name] <= 0.0
+        along = _way_along(surface, begin, (depth > DEEP) & (name != "MA"))
+        along = np.where(begin, reach[name], along)
+        closer = along < nearest
+        found[closer], nearest[closer] = REGIONS.index(name), along[closer]
+    return _with_unnamed(surface, depth, found)
+
+
+def valve_of(surface: Surface, landmarks: Mapping[str, Array]) -> Mask:
+    """Return the vertices (n,) in the mitral valve, which is no wall; none where no landmark names it."""
+    return np.asarray(openings(surface, landmarks) == VALVE)
+
+
+def unvisited(surface: Surface, landmarks: Mapping[str, Array], points: Array) -> list[Mask]:
+    """Return the vertices (n,) of each vein and of the appendage that no point (m, 3) lies nearest to."""
+    of = openings(surface, landmarks)
+    seen = of[cKDTree(surface.vertices).query(points)[1]] if len(points) else of[:0]
+    return [of == k for k in np.setdiff1d(of[(of >= 0) & (of != VALVE)], seen)]
 
 
 def word(region: int) -> str:
     """Return what a region is called."""
     return WORDS.get(REGIONS[region], REGIONS[region])
+
+
+def _find_places(landmarks: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the places of the openings that landmarks name."""
+    named = list(landmarks)
+    return {OPENINGS[j]: landmarks[named[i]] for i, j in partners(named, OPENINGS).items()}
+
+
+def _middle_of(surface: Surface) -> Array:
+    area = surface.vertex_areas
+    return np.asarray(area @ surface.vertices / area.sum())
+
+
+@lru_cache(maxsize=4)  # pictures, tables and the advice ask for the same surface
+def _tube_depths(surface: Surface) -> Array:
+    """Return how far (n,) each vertex lies out of the chamber in a tube; that of the next of a sample."""
+    some = np.arange(0, len(surface.vertices), max(1, len(surface.vertices) // SAMPLE))
+    at = surface.vertices[some]
+    depth = depth_in_tubes(at, surface.vertex_normals[some], surface.vertices)
+    return np.asarray(depth[cKDTree(at).query(surface.vertices)[1]])
+
+
+def _edge_graph(surface: Surface, mask: Mask) -> sparse.csr_array:
+    """Return the lengths of the edges between vertices of a mask."""
+    edges = np.vstack([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    edges = np.unique(np.sort(edges[mask[edges].all(axis=1)], axis=1), axis=0)
+    length = np.linalg.norm(np.diff(surface.vertices[edges], axis=1)[:, 0], axis=1)
+    n = len(surface.vertices)
+    return sparse.csr_array((length, (edges[:, 0], edges[:, 1])), shape=(n, n))
+
+
+def _way_along(surface: Surface, begin: Mask, mask: Mask) -> Array:
+    """Return the length (n,) of the shortest way along the surface within a mask from where it begins; inf
+    where there is none.
+    """
+    if not begin.any():
+        return np.full(len(mask), np.inf)
+    graph = _edge_graph(surface, mask | begin)
+    return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(begin), min_only=True))
+
+
+def _with_unnamed(surface: Surface, depth: Array, found: Ints) -> Ints:
+    """Return the openings with the tubes that belong to none of them."""
+    left = (depth > DEEP) & (found < 0)
+    part = connected_components(_edge_graph(surface, left), directed=False)[1]
+    long = np.unique(part[left & (depth > LONG)])
+    return np.asarray(np.where(left & np.isin(part, long), REGIONS.index(UNNAMED), found), dtype=np.int64)
 
 
 def _distance_off_axis(points: Array, at: Array, middle: Array) -> Array:

@@ -19,8 +19,8 @@ SEED = 74215
 
 @dataclass(frozen=True)
 class Difference:
-    """The mean of `second - first` over the same points (negative: the second is closer), its 95 % interval,
-    and what it rests on.
+    """A difference is the mean of `second - first` over the same points (negative: the second is closer),
+    with its 95 % interval and what it rests on.
 
     The interval is NaN where there are too few points to resample in blocks.
     """

@@ -16,7 +16,7 @@ LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
 
 
 class ClosestPoint:
-    """Closest points on a surface of vertices (n, d) and faces (m, d).
+    """This search finds the closest points on a surface of vertices (n, d) and faces (m, d).
 
     `at` follows moved vertices without rebuilding the tree. Inside, a segment of the plane is a triangle in
     space whose last two corners coincide, so that one kernel serves both.

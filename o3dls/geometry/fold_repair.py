@@ -103,7 +103,9 @@ def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = ROUNDS) -
 
 @dataclass(frozen=True, eq=False)
 class _Patches:
-    """Neighbours of the vertices (n, n), what bends them (n, n), and the connected piece of each (n,)."""
+    """Patches hold the neighbours of the vertices (n, n), the bending matrix (n, n), and the connected piece
+    of each vertex (n,).
+    """
 
     adjacency: Any
     bending: Any
@@ -176,8 +178,8 @@ def _straighten_slivers(still: _Still, displacement: Array, faces: Ints, turned:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """A surface at rest: vertices (n, d), normals of faces (m, d), vertices about the middle, and of those by
-    which surroundings are told the normals and the tree; its reach.
+    """This surface is at rest: it has vertices (n, d) relative to its middle and normals of faces (m, d);
+    normals and tree of the vertices by which surroundings are told; and its reach.
     """
 
     rest: Array

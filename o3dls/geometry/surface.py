@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Closed or open simplicial surface: triangles in 3D, segments in 2D, wound so that normals point
-    outward.
+    """A surface is a closed or open simplicial one: triangles in 3D, segments in 2D, wound so that normals
+    point outward.
 
     vertices (n, d) in the case's units; faces (m, d), 0-based; fields: values per vertex, each (n,) or (n,
     k). Raises InputError where shapes, lengths or indices do not fit, or a coordinate is not finite.

@@ -15,7 +15,7 @@ from .similarity import similarity
 
 @dataclass(frozen=True)
 class Twist:
-    """Which parts a twist has in `d` dimensions, and where."""
+    """A twist has parts whose number and places depend on the dimension `d`."""
 
     d: int
     scale: bool = False

@@ -38,7 +38,9 @@ ALLOWED: Mapping[str, tuple[str | int, ...]] = {
 
 @dataclass
 class Folder:
-    """A case folder with its settings; notes every file that is read."""
+    """A case folder is read through this class, which holds its settings and notes every file that is
+    read.
+    """
 
     path: Path
     settings: dict[str, Any]

@@ -25,7 +25,9 @@ ROUNDING = 1e-4  # error of a versor's length: files print rounded numbers
 
 @dataclass
 class Part:
-    """One transform of a file: its kind as written, and its numbers by `Parameters` and `FixedParameters`."""
+    """A part is one transform of a file: it has its kind as written, and its numbers by `Parameters` and
+    `FixedParameters`.
+    """
 
     kind: str
     numbers: dict[str, Array] = field(default_factory=dict)

@@ -27,7 +27,7 @@ OLD_FRAMES = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
 
 @dataclass(frozen=True, eq=False)
 class Markups:
-    """Named positions (n, 3) in mm and the frame they are in; names need not differ."""
+    """Markups are named positions (n, 3) in mm with the frame they are in; names need not differ."""
 
     names: tuple[str, ...]
     xyz: Array

@@ -24,7 +24,7 @@ Writer = Callable[[SurfaceFile], bytes]
 
 @dataclass(frozen=True)
 class Format:
-    """One family of surface files.
+    """A format describes one family of surface files.
 
     How to know it by its bytes, how to read and write it, which options its reader takes, and in sentences
     what of a surface its writer does not keep.

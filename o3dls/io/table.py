@@ -29,8 +29,8 @@ MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
 
 @dataclass(frozen=True)
 class Table:
-    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of
-    comment lines.
+    """A table holds cells by column name, with the line of the file that each row stood on and the
+    `key=value` notes of comment lines.
 
     The notes `space` and `units` are spelt as everywhere in o3dls, however the file spells them; `space` is a
     known one.

@@ -48,7 +48,7 @@ DEFAULTS = PaperSettings()
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the terms of the energy."""
+    """These weights scale the terms of the paper's energy."""
 
     data: float = number(10.0, "1", "weight of the data term, over the squared noise of the points")
     area: float = number(0.2, "1", "weight a_reg of the area term: with 1, veins of 5 to 7 mm are erased")

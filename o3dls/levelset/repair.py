@@ -46,7 +46,8 @@ def whole_level_set(
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A level set, the radius (a length) of the closing in it, and what else was done, in words.
+    """An attempt has a level set, the radius (a length) of the closing in it, and what else was done, in
+    words.
 
     Where something was done its band is only as wide as its zero set needs, and it is no distance.
     """
@@ -58,7 +59,7 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """Level sets of a topology `kind` (components, Euler number) on a lattice.
+    """A repair finds level sets of a topology `kind` (components, Euler number) on a lattice.
 
     crossing: which faces (m,) of a surface cut through others.
     """

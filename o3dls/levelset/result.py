@@ -16,8 +16,8 @@ from .repair import COARSE, Crossing
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A level set phi, the wall that it is the signed distance of (with fields per vertex, unless `fields`
-    tells them), and how it was reached; the noise, None where nothing found it.
+    """A result has a level set phi, the wall that it is the signed distance of (with fields per vertex,
+    unless `fields` tells them), how it was reached, and the noise, None where nothing found it.
     """
 
     phi: SignedDistance

@@ -9,7 +9,7 @@ from ..settings import number
 
 @dataclass(frozen=True)
 class LatticeSettings:
-    """How phi is kept whole on a lattice."""
+    """These settings say how phi is kept whole on a lattice."""
 
     half_band: float = number(3.0, "spacings", "half width of the narrow band of phi")
     thin_band: float = number(
@@ -31,7 +31,7 @@ class LatticeSettings:
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Discretisation of the paper's formulation."""
+    """These settings discretise the paper's formulation."""
 
     exact_noise: float = number(4e-6, "rms radii", "smallest noise, for points that lie exactly on the prior")
     delta_width: float = number(

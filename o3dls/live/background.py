@@ -30,7 +30,8 @@ CORES = os.cpu_count() or 1  # as many processes share them: one thread is left
 
 
 class Background:
-    """The process of the full fits. done: called, in a thread of its own, when a fit has ended.
+    """This class runs the full fits in a process of their own. done: called, in a thread of its own, when a
+    fit has ended.
 
     Use as a context: what runs at its end is ended.
     """

@@ -23,7 +23,7 @@ WHOLE = (
 
 @dataclass(frozen=True)
 class Sent:
-    """An event as text, with its number, 0 for what is said to one page alone."""
+    """A sent event is one as text, with its number, 0 for what is said to one page alone."""
 
     seq: int
     kind: str
@@ -32,7 +32,7 @@ class Sent:
 
 @dataclass(eq=False)
 class Box:
-    """The events that wait for one page. Nobody who puts one in ever waits."""
+    """A box holds the events that wait for one page. Nobody who puts one in ever waits."""
 
     waiting: deque[Sent] = field(default_factory=deque)
     overrun: bool = False
@@ -65,7 +65,7 @@ class Box:
 
 
 class Board:
-    """The session as pages know it. Safe to use from several threads."""
+    """The board holds the session as pages know it. Safe to use from several threads."""
 
     def __init__(self) -> None:
         self.session = secrets.token_hex(4)  # each session numbers its events from 1
@@ -155,7 +155,7 @@ class Board:
 
 def _update_point(points: dict[int, Event], given: Event) -> None:
     """Put what is new of a point over what was known of it; one that was taken back is gone."""
-    if given.get("type") == "undone":
+    if given.get("undone"):
         points.pop(given["id"], None)
         return
     content = {key: value for key, value in given.items() if key not in ("event", "seq")}

@@ -32,7 +32,8 @@ Event = dict[str, Any]
 
 
 class Display:
-    """What pages see of the estimates of one prior: events `scene` and `surface`, the faces chosen once.
+    """A display turns the estimates of one prior into what pages see: events `scene` and `surface`, the faces
+    chosen once.
 
     Estimates must be the prior's own faces moved, as those of `deform` are; None is the prior in its own
     frame, before anything has brought it to the map.
@@ -54,7 +55,7 @@ class Display:
         drawn = replace(case, prior=self.prior)
         if estimate is None:  # the map's points have no place in the prior's frame
             drawn = replace(drawn, points=case.points.of(), frame=case.prior_frame)
-        data = scene(_make_subject(drawn, replace(shown, motion=None)))
+        data = scene(subject_of(drawn, replace(shown, motion=None)))
         ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
         for field in data["fields"]:
             field["range"] = ranges.get(field["key"], field["range"])
@@ -137,7 +138,7 @@ def _nearest_distances(points: Points, surface: Surface) -> Array:
     return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])
 
 
-def _make_subject(case: Case, estimate: Estimate) -> Subject:
+def subject_of(case: Case, estimate: Estimate) -> Subject:
     """Make what the report's drawing reads of a run: this one estimate, and of the points the landmarks."""
     points = case.points.of("landmark")
     distances = {f"distance_{NAME}_{case.units}": np.zeros(len(points))}

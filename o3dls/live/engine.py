@@ -15,7 +15,7 @@ from ..arrays import Array
 from ..errors import O3dlsError
 from ..estimate import Estimate
 from .background import Background
-from .display import Display
+from .display import Display, landmarks
 from .fitting import Current, FullFit, can_be_fitted, current, prepare
 from .messages import Message, error, event, number
 from .session import Session
@@ -49,8 +49,8 @@ def _receive_actions(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]
 
 
 class Engine:
-    """The estimate of a session, and what is said of it. send: takes an event; inbox: actions, ended fits,
-    advice.
+    """The engine keeps the estimate of a session, and says what becomes of it. send: takes an event; inbox:
+    actions, ended fits, advice.
     """
 
     def __init__(self, session: Session, send: Any, inbox: SimpleQueue[Any], background: Background) -> None:
@@ -60,6 +60,7 @@ class Engine:
         self.fit: FullFit | None = None
         self.now: Current | None = None
         self.changed, self.ending = True, False
+        self.wanted = False  # whether a full fit was asked for that is not begun
         self.refused: Session | None = None  # the session of the last fit, if that was refused
         self.lost: Session | None = None  # the session of a fit whose process was lost: tried once more
         self.posed: Array | None = None  # the pose shown before there is a fit
@@ -122,6 +123,7 @@ class Engine:
         if kind == "action":
             self.background.make_way()
             self.ending = what["do"] == "end"
+            self.wanted = self.wanted or what["do"] == "fit"
             self.session.apply(what)
             self.changed = True
         elif kind == "fit":
@@ -141,6 +143,7 @@ class Engine:
             self.refused, self.standing.refusal = fit.session, f"the full fit was refused: {fit.refused}"
         else:
             self.fit, self.refused, self.standing.refusal = fit, None, ""
+            self.standing.known = len(fit.session.kept)
 
     def _update_estimate(self) -> None:
         self.changed = False
@@ -165,6 +168,7 @@ class Engine:
         if start is None or (self.posed is not None and np.array_equal(start.T_map_prior, self.posed)):
             return
         self.posed, self.standing.status = start.T_map_prior, start.status
+        self.standing.judge_landmarks(self.session.case())
         self.send(self.display.scene(self.session.case(), start))
 
     def _draw_surface(self) -> None:
@@ -177,18 +181,22 @@ class Engine:
         if self.unseen and monotonic() >= self.next_draw:
             self.unseen, self.unjudged = False, True
             self.next_draw = max(self.next_draw + APART, monotonic())
-            self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
+            last = max(self.session.points, default=0)
+            marks = landmarks(self.session.case(), now.estimate)  # also those that no fit knows yet
+            self.send(self.display.surface(now.case, now.estimate, last) | {"landmarks": marks})
         if self.unjudged and self.inbox.empty():
             self.unjudged, self.unadvised = False, True
             self.send(_weights_event(now))
             self.standing.judge(now.case, now.estimate, len(now.fitted))
+            self.standing.judge_landmarks(self.session.case())
             self._send_state()
 
     def _begin_fit(self) -> None:
         """Begin a full fit where one is due, none runs, and the last was not refused of the same points."""
-        due = self.now is None or self.now.outdated
-        same = self.refused is not None and self.refused == self.session
+        due = self.now is None or self.now.outdated or self.wanted
+        same = self.refused is not None and self.refused == self.session and not self.wanted
         if due and not same and self.background.seconds is None and can_be_fitted(self.session):
+            self.wanted = False
             self.background.begin(self.session)
             self._send_state()
 

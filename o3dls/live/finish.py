@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,11 +19,34 @@ from .session import Session
 CASE, RUN = "case", "run"  # folders in the record folder
 
 
+class _Teller(logging.Handler):
+    """Hands on what the log says, until the next word replaces it."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self.tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.tell(record.getMessage())
+
+
+@contextmanager
+def telling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Tell what the run does while the block runs: it takes as long as a run does."""
+    log, teller = logging.getLogger("o3dls"), _Teller(tell)
+    tell("begun")
+    log.addHandler(teller)
+    try:
+        yield
+    finally:
+        log.removeHandler(teller)
+
+
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """What a session leaves: its folders, the run, and how far the last surface that was shown lies (mean, in
-    the case's unit) from the run's own motion of the prior and from its final surface; None where none was
-    shown.
+    """This is what a session leaves: its folders, the run, and how far the last surface that was shown lies
+    (mean, in the case's unit) from the run's own motion of the prior and from its final surface; None where
+    none was shown.
     """
 
     case: Path

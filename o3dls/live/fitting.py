@@ -26,8 +26,8 @@ OUTDATED = "outdated-amplitudes"
 
 @dataclass(frozen=True, eq=False)
 class FullFit:
-    """A fit from nothing, and the session as it was then; refused: why there is none, in words; lost: its
-    process was ended from outside, so the same fit may well succeed.
+    """A full fit is made from nothing; it comes with the session as it was then; refused: why there is none,
+    in words; lost: its process was ended from outside, so the same fit may well succeed.
     """
 
     session: Session
@@ -38,7 +38,8 @@ class FullFit:
 
 @dataclass(frozen=True, eq=False)
 class Current:
-    """The estimate as it is now, the case that it is of, and the numbers of the points that it knows.
+    """This is the estimate as it is now, with the case that it is of, and the numbers of the points that it
+    knows.
 
     outdated: whether a full fit should be made again.
     """

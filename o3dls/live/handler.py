@@ -40,7 +40,7 @@ PATHS = {"/": "GET", "/events": "GET", "/report": "GET", "/act": "POST", "/role"
 
 
 class Refusal(Exception):
-    """An answer that is not what was asked for: status and one sentence."""
+    """A refusal says why a request does not get what it asked for: status and one sentence."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -48,7 +48,7 @@ class Refusal(Exception):
 
 
 class Pages(Protocol):
-    """What a request needs of the server, `server.LiveServer`."""
+    """This protocol says what a request needs of the server, `server.LiveServer`."""
 
     board: Board
     roles: Roles
@@ -68,7 +68,7 @@ class Pages(Protocol):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """One request. `live` is the server whose pages ask."""
+    """A handler answers one request. `live` is the server whose pages ask."""
 
     live: Pages
     timeout = PATIENCE

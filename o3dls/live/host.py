@@ -25,7 +25,8 @@ GRACE = 5.0  # seconds in which an engine that is told to may end
 
 
 class Host:
-    """A session that takes actions. tell: called with every event, one at a time; what it takes is quick.
+    """A host runs a session and takes its actions. tell: called with every event, one at a time; what it
+    takes is quick.
 
     last: vertices (n, 3) of the estimate when the session ended, once `ended` is set; tip: where the
     catheter's tip is now, in the map's frame, where a source knows.

@@ -24,8 +24,9 @@ SCHEMA = 1
 
 @dataclass
 class Journal:
-    """An open journal. begun: of the session, in seconds since 1970; head: what the first line says of the
-    case; actions: those of the file so far, in their order; cut: what was cut off its end, in words.
+    """A journal is the open file that records a session. begun: when the session began, in seconds since
+    1970; head: what the first line says of the case; actions: those of the file so far, in their order; cut:
+    what was cut off the file's end, in words.
     """
 
     path: Path

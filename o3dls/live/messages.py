@@ -151,6 +151,7 @@ _ACTIONS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "prior_landmark": (("name", "xyz"), ()),
     "landmark": (("name",), ("xyz", "next")),
     "pose": (("matrix",), ()),
+    "fit": ((), ()),
     "end": ((), ()),
 }
 _CHECKS: Mapping[str, Callable[[str, object], Any]] = {

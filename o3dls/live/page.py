@@ -28,7 +28,7 @@ def live_page() -> str:
     """Write the whole page, the same for every session."""
     viewer = f"const startViewer = () => {viewer_started(_read_own('view.js'), 'live')};"
     outer = [viewer, *map(_read_own, OUTER)]
-    script = "\n".join(['"use strict";', asset("page.js"), asset("layout.js"), *outer])
+    script = "\n".join(['"use strict";', asset("page.js"), asset("layout.js"), asset("tables.js"), *outer])
     library = viewer_code()[0]
     style = variables() + "".join(map(asset, STYLES)) + _read_own("live.css")
     picture = tag(

@@ -7,7 +7,9 @@ from threading import Lock
 
 
 class Roles:
-    """Pages by the names they gave themselves, how often each is connected, and the one that acts."""
+    """Roles list pages by the names they gave themselves, how often each is connected, and the one that
+    acts.
+    """
 
     def __init__(self) -> None:
         self._lock = Lock()

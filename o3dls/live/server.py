@@ -21,7 +21,7 @@ Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class LiveServer:
-    """Pages of one session, from when it is made until `close`.
+    """This server shows the pages of one session, from when it is made until `close`.
 
     act(action) gives {"ok": true, ...}, or {"error": text} for what was refused; it is called from several
     threads, one at a time. Raises InputError where the host is not this machine, or the port is taken.

@@ -18,7 +18,7 @@ LANDMARK = "landmark"
 
 @dataclass(frozen=True)
 class Point:
-    """A point that was taken; undone points keep their number. name: of the landmark that it is."""
+    """A point was taken in the session; undone points keep their number. name: of the landmark that it is."""
 
     id: int
     xyz: tuple[float, float, float]
@@ -36,8 +36,8 @@ class Point:
 
 @dataclass
 class Session:
-    """A case that grows. prior: the case without points, landmarks and pose; points by number; landmarks of
-    the map and of the prior by name; waiting: the landmark that the next point is.
+    """A session is a case that grows. prior: the case without points, landmarks and pose; points by number;
+    landmarks of the map and of the prior by name; waiting: the landmark that the next point is.
     """
 
     prior: Case

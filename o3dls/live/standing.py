@@ -12,10 +12,14 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
-from ..evaluation.next_places import suggest
 from ..geometry.surface import Surface
+from ..registration.landmarks import leave_one_out, odd_one
+from ..report.checks import FAR_LANDMARK
 from ..report.expected import expected_of
+from ..report.mapping.advice import located
+from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated
+from .display import subject_of
 from .messages import Message, number
 
 PLACES = 3  # places to propose
@@ -24,7 +28,9 @@ MOST_HISTORY = 300  # entries; where there are more, every other of the older ha
 
 
 class Advisor:
-    """Chooses the places of one prior that are best to touch next, on a copy of it with few faces."""
+    """The advisor chooses the places of one prior that are best to touch next, on a copy of it with few
+    faces.
+    """
 
     def __init__(self, prior: Surface) -> None:
         self.prior = decimated(replace(prior, fields={}), FACES, FACES)
@@ -34,21 +40,28 @@ class Advisor:
         if estimate.motion is None:
             return {"next": [], "ended": "there is no motion yet"}
         surface = self.prior.with_vertices(estimate.motion(self.prior.vertices))
+        drawn, moved = replace(case, prior=self.prior), replace(estimate, surface=surface)
         try:
-            found = suggest(replace(case, prior=self.prior), replace(estimate, surface=surface), PLACES)
+            found = advised(drawn, moved, PLACES)
         except InputError as error:
             return {"next": [], "ended": str(error)}
         places = [
-            {"xyz": one.xyz.tolist(), "before": one.before, "after": one.after, "gain": one.gain}
-            for one in found.places
+            {
+                "xyz": one.place.xyz.tolist(),
+                "where": one.where,
+                "before": one.place.before,
+                "after": one.place.after,
+                "gain": one.place.gain,
+            }
+            for one in located(subject_of(drawn, moved), found)
         ]
         return {"next": places, **({"ended": found.ended} if found.ended else {})}
 
 
 @dataclass
 class Standing:
-    """What the event `state` says. expected: errors of the mapped wall and the rest; history: of them over
-    the number of points.
+    """The standing is what the event `state` says. expected: errors of the mapped wall and the rest; history:
+    of them over the number of points.
     """
 
     points: int = 0
@@ -57,6 +70,8 @@ class Standing:
     history: list[tuple[int, float | None, float | None]] = field(default_factory=list)
     advice: Message = field(default_factory=lambda: {"next": [], "ended": "there is no estimate yet"})
     warnings: list[dict[str, str]] = field(default_factory=list)
+    known: int = 0  # points that the last full fit had
+    doubts: list[dict[str, str]] = field(default_factory=list)  # of landmarks
     refusal: str = ""  # why the last full fit was refused
     status: str = ""
     fit: str = "idle"
@@ -75,20 +90,43 @@ class Standing:
             half = len(self.history) // 2
             self.history = self.history[:half:2] + self.history[half:]
 
+    def judge_landmarks(self, case: Case) -> None:
+        """Name the landmarks that lie far from where all others put them."""
+        self.doubts = [
+            {"code": "landmark-far", "stage": "landmarks", "text": text} for text in far_landmarks(case)
+        ]
+
     def record(self) -> dict[str, Any]:
         """Return the content of the event `state`."""
         refusals = [{"code": "fit-refused", "stage": "live", "text": self.refusal}] if self.refusal else []
         return {
             "points": self.points,
             "fitted": self.fitted,
+            "behind": max(0, self.points - self.known) if self.known else 0,
             "mapped_mm": self.expected[0],
             "unmapped_mm": self.expected[1],
             "history": [list(one) for one in self.history],
             **self.advice,
-            "warnings": [*self.warnings, *refusals],
+            "warnings": [*self.warnings, *self.doubts, *refusals],
             "status": self.status,
             "fit": self.fit,
         }
+
+
+def far_landmarks(case: Case) -> list[str]:
+    """Say of each landmark pair by how much it lies too far from where the fit to the others puts it; where
+    one of them explains that of all, of that one alone.
+    """
+    names, prior, measured = case.landmark_pairs()
+    if len(names) < 2:
+        return []
+    gaps = leave_one_out(prior, measured, np.ones(len(names)), scale=False)
+    odd = odd_one(prior, measured, FAR_LANDMARK)
+    order = [odd] if odd is not None else np.flatnonzero(np.nan_to_num(gaps) > FAR_LANDMARK).tolist()
+    return [
+        f"{names[k]} lies {gaps[k]:.1f} {case.units} from where the others put it: was it marked there?"
+        for k in order
+    ]
 
 
 def expected(case: Case, estimate: Estimate) -> tuple[float | None, float | None]:

@@ -18,8 +18,8 @@ from ..geometry.bounding_box_tree import box_gap
 from ..geometry.closest_point import ClosestPoint, closest_on_face
 from ..geometry.differential import vertex_normals
 from ..parallel import axes_of, by_rows
-from .covariance import Places
-from .observations import Feet
+from .field.covariance import Places
+from .field.observations import Feet
 
 WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
 STACK = 128  # nodes of the tree that wait: more than any tree is deep

@@ -18,12 +18,11 @@ import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..geometry.differential import unit_mean, vertex_normals
-from ..noise.contact import update_contact
 from ..parallel import both, once, one_blas_thread
+from .field.observations import Data
 from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
 from .model_selection import Preference, preferred
-from .observations import Data
 from .problem import MotionProblem, motion_problem
 from .result import Iterated, MotionFit, motion_fit
 from .settings import MotionSettings
@@ -52,9 +51,9 @@ def fit_motion(
 
 
 class TrialFit:
-    """A fit whose rounds are run as they are asked for, until the surface stands still or the energy does,
-    without what `fit_motion` weighs after them: for comparing the energies of one surface and another.
-    Parameters and errors as there.
+    """A trial fit compares the energies of one surface and another: its rounds are run as they are asked for,
+    until the surface stands still or the energy does, without what `fit_motion` weighs after them. Parameters
+    and errors as there.
     """
 
     def __init__(
@@ -164,7 +163,7 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
         outward = ((data.points[new] - foot) * normals).sum(axis=1)
         own = state.scales.noises[data.group[new]] * data.relative[new]
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
-        weights[new], _ = update_contact(outward, variance, data.outlier_odds[new], state.contact)
+        weights[new], _ = earlier.problem.contacts(outward, variance, data.outlier_odds[new], state.contact)
     return weights
 
 
@@ -213,7 +212,7 @@ def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:
 
 
 class Round(NamedTuple):
-    """Where one round has come to."""
+    """A round says where the iteration of a fit has come to."""
 
     state: State
     solved: Solved

@@ -14,17 +14,17 @@ import numpy as np
 
 from ..arrays import Array, Ints
 from ..geometry.differential import vertex_normals
-from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy, update_contact
-from .correspondence import likely_feet
-from .covariance import cross, displacement, grams
-from .marginal_likelihood import Posterior, Scales, free_energy, left_out, misfit, solve, tune, with_noise
-from .observations import Data, Feet, Rows, gather, points_left_out
+from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy
+from .field.covariance import FieldPrior
+from .field.gaussian_process import FieldPosterior, solve
+from .field.marginal_likelihood import Scales, free_energy, misfit, with_noise
+from .field.observations import Data, Feet, Rows, gather, points_left_out
 from .problem import MotionProblem
-from .settings import IterationSettings
+from .scales import annealed, first_scales, noise_factor, tune_scales
 
 
 class Step(NamedTuple):
-    """A round's step: vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
+    """A step has vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
 
     begun: Array
     change: Array
@@ -32,8 +32,8 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field;
-    amplitudes and noise levels; the mixture, and each point's probability of contact.
+    """The state is what one round hands to the next: vertices (n, d) where feet are sought, and as moved by
+    the field; amplitudes and noise levels; the mixture, and each point's probability of contact.
 
     patches (k,): which row each point falls into, once that stays: points that change rows would keep the
     surface from standing still. past: the last rounds, whose steps the next one is mixed with.
@@ -53,66 +53,47 @@ class State:
 
 
 class Solved(NamedTuple):
-    """The linear system of a round and its posterior."""
+    """A solved round has its rows, the logarithms of their noise levels, the diagonal (k,) of their noise
+    covariance, and the field that they make likely.
+    """
 
     rows: Rows
-    posterior: Posterior
+    log_noise: Array
+    noise: Array
+    field: FieldPosterior
 
 
 def begin(problem: MotionProblem) -> State:
     """Begin with amplitudes, noise and probabilities of contact by the residuals of the start pose."""
-    settings = problem.settings.covariance
-    log = expected_scales(problem, settings.noise_fraction)
-    fields = len(settings.vector_lengths) + len(settings.normal_lengths)
-    anchors = int(len(problem.marks) > 0)
-    noises = problem.data.groups + anchors
-    log_sd = np.repeat(
-        [
-            settings.field_log_sd,
-            settings.field_log_sd * settings.mode_log_sd,
-            settings.field_log_sd * settings.anchor_log_sd,
-            settings.field_log_sd * settings.noise_log_sd,
-        ],
-        [fields, 2, anchors, noises],
-    )
-    least_noise = np.full(noises, np.log(settings.least_noise * problem.size))
-    least = np.r_[np.full(len(log) - noises, -np.inf), least_noise]
-    scales = Scales(log, log, log_sd, least, len(log) - noises)
     contact = Contact.expected(problem.size, problem.settings.contact)
-    return State(problem.rest.at, problem.rest.at, scales, contact, problem.first_weights)
+    return State(problem.rest.at, problem.rest.at, first_scales(problem), contact, problem.first_weights)
 
 
 def step(
     problem: MotionProblem, state: State, iteration: int | None, *, tuning: bool = False
 ) -> tuple[State, Solved, dict[str, float]]:
-    """Make one round of feet, posterior and contact; early ones are held stiff and trust points less.
+    """Make one round: feet, amplitudes and noise levels, the field, who touches; early rounds are held stiff
+    and trust points less. What a round is made of can be exchanged in its problem: `correspondence`,
+    `covariance`, `contacts`.
 
     iteration: None where the fit goes on from an earlier one, and nothing is annealed.
     """
     settings = problem.settings.iteration
-    # where on the surface each point may have come from, and what that says of the field
-    feet = find_feet(problem, state, _noise_factor(iteration, settings))
+    feet = find_feet(problem, state, noise_factor(iteration, settings))
     rows = gather_rows(problem, feet, state)
-    # amplitudes and noise levels by the marginal likelihood
-    scales = _tune_scales(problem, state.scales, rows) if tuning else state.scales
-    log = scales.log + _anneal_scales(iteration, scales, problem.data.groups, settings)
-    # the posterior of the field moves the surface
-    sds = np.exp(log[: scales.fields])
-    prior = cross(problem.covariance, sds, rows.observed, rows.observed)
-    matrix, noise = with_noise(prior, log[scales.fields :], rows)
-    solved = Solved(rows, solve(matrix, rows.residual)[0])
-    moved = problem.rest.at + _displace_vertices(problem, sds, solved)
-    # each point's residual to the fit without it says whether it touches the wall
-    noises = np.exp(log[scales.fields :])
-    alone = left_out(solved.posterior, noise)
-    out = points_left_out(rows, feet, state.weights, noise, *alone, noises, problem.data)
-    weights, contact = believe(problem, state, *out)
-    record = _energy_terms(problem, state, solved, log[scales.fields :], out[0], contact)
+    scales = tune_scales(problem, state.scales, rows) if tuning else state.scales
+    solved = _solve_field(problem, scales, rows, annealed(iteration, scales, problem.data.groups, settings))
+    residual, variance = _leave_points_out(problem, state, feet, solved)
+    weights, contact = believe(problem, state, residual, variance)
+    record = _energy_terms(problem, state, solved, residual, contact)
+    # every vertex's displacement, interpolated from nodes closer than the shortest correlation length
+    moved = problem.rest.at + problem.from_nodes @ solved.field.mean(problem.at_nodes)
     taken = Step(state.feet_on, moved - state.feet_on)
-    # vertices may slide along a surface that stands still
-    along = (taken.change * vertex_normals(state.feet_on, problem.faces)).sum(axis=1)
-    length, fraction = float(np.abs(along).mean()), contact.outlier_fraction
-    record |= {"step": length, "sigma": float(scales.noises[0]), "outlier_fraction": fraction}
+    record |= {
+        "step": _length_across(taken, problem.faces),
+        "sigma": float(scales.noises[0]),
+        "outlier_fraction": contact.outlier_fraction,
+    }
     # feet are sought again on the way to there; another field has other steps
     early = iteration is not None and iteration < len(settings.noise_factors)
     past = () if early or tuning else state.past
@@ -123,35 +104,29 @@ def step(
     return State(feet_on, moved, scales, contact, weights, patches, past), solved, record
 
 
-def _tune_scales(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
-    """Tune amplitudes and noise levels to maximise the evidence, with priors by the current noise."""
-    usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
-    s = problem.settings.covariance
-    if problem.residual_sd < s.most_residuals * problem.size:
-        # another heart's prior leaves large residuals, which are no sign of much noise
-        points = slice(scales.fields, scales.fields + problem.data.groups)
-        usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
-    scales = replace(scales, prior_log=usual)
-    parts = grams(problem.covariance, rows.observed)
-    return replace(scales, log=tune(scales, *parts, rows, problem.settings.iteration))
+def _solve_field(problem: MotionProblem, scales: Scales, rows: Rows, annealed: Array) -> Solved:
+    """Solve for the field with scales whose logarithms are changed by `annealed`."""
+    log = scales.log + annealed
+    log_noise = log[scales.fields :]
+    prior = FieldPrior(problem.covariance, np.exp(log[: scales.fields]))
+    matrix, noise = with_noise(prior.between(rows.observed, rows.observed), log_noise, rows)
+    return Solved(
+        rows, log_noise, noise, FieldPosterior(prior, rows.observed, solve(matrix, rows.residual)[0])
+    )
 
 
-def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
-    """Return the logarithms of the usual amplitudes and noise levels if noise makes up so much of the
-    residuals of the start and motion the rest.
-    """
-    s = problem.settings.covariance
-    rms = problem.residual_sd
-    rest = 1.0 - min(noise_fraction, s.most_noise_fraction) ** 2
-    motion = float(np.sqrt(rest / (1.0 - s.noise_fraction**2)))
-    moved = motion * rms
-    landmarks = len(problem.marks) > 0
-    amplitudes = [s.vector_amplitude * moved / 2**k for k in range(len(s.vector_lengths))]
-    amplitudes += [s.normal_amplitude * moved / 2**k for k in range(len(s.normal_lengths))]
-    amplitudes += [s.bend_amplitude * moved / problem.size, s.strain_amplitude * motion]
-    amplitudes += [s.anchor_amplitude * moved] * landmarks
-    noises = [s.noise_fraction * rms] * problem.data.groups + [s.landmark_noise * problem.size] * landmarks
-    return np.asarray(np.log(amplitudes + noises))
+def _leave_points_out(
+    problem: MotionProblem, state: State, feet: Feet, solved: Solved
+) -> tuple[Array, Array]:
+    """Return each point's residual (n,) to the fit without it, and the variance (n,) to judge that by."""
+    alone = solved.field.solved.left_out(solved.noise)
+    noises = np.exp(solved.log_noise)
+    return points_left_out(solved.rows, feet, state.weights, solved.noise, *alone, noises, problem.data)
+
+
+def _length_across(taken: Step, faces: Ints) -> float:
+    """Return the mean length of a step across the surface: vertices may slide along one that stands still."""
+    return float(np.abs((taken.change * vertex_normals(taken.begun, faces)).sum(axis=1)).mean())
 
 
 def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -> Feet:
@@ -159,9 +134,7 @@ def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -
     data = problem.data
     sd = noise_factor * state.scales.noises[data.group] * data.relative
     tree = problem.tree.at(state.feet_on)
-    settings = problem.settings.iteration
-    cutoff, resolution = settings.foot_cutoff, settings.foot_resolution
-    return likely_feet(tree, data.points, sd, problem.rest, cutoff, resolution)
+    return problem.correspondence(tree, data.points, sd, problem.rest)
 
 
 def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
@@ -181,7 +154,7 @@ def believe(problem: MotionProblem, state: State, residual: Array, variance: Arr
     data = problem.data
     weights = np.zeros(len(residual))
     wall = ~data.inside
-    weights[wall], contact = update_contact(
+    weights[wall], contact = problem.contacts(
         residual[wall], variance[wall], data.outlier_odds[wall], state.contact
     )
     fraction = contact.outlier_fraction
@@ -207,21 +180,15 @@ def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact
 
 
 def _energy_terms(
-    problem: MotionProblem, state: State, solved: Solved, log_noise: Array, residual: Array, contact: Contact
+    problem: MotionProblem, state: State, solved: Solved, residual: Array, contact: Contact
 ) -> dict[str, float]:
     """Return the free energy and its terms: residuals, what the fields could have explained, labels."""
-    data_misfit = misfit(solved.posterior, log_noise, solved.rows)
-    complexity = free_energy(solved.posterior, log_noise, solved.rows) - data_misfit
+    rows, log_noise, posterior = solved.rows, solved.log_noise, solved.field.solved
+    data_misfit = misfit(posterior, log_noise, rows)
+    complexity = free_energy(posterior, log_noise, rows) - data_misfit
     labels = contact_energy(problem.data, state.weights, residual, contact, np.exp(log_noise))
     terms = {"misfit": data_misfit, "complexity": complexity, "labels": labels}
     return {"energy": sum(terms.values()), **terms}
-
-
-def _displace_vertices(problem: MotionProblem, sds: Array, solved: Solved) -> Array:
-    """Return every vertex's displacement (n, d), interpolated from nodes closer than the shortest length."""
-    rows, posterior = solved
-    field = displacement(problem.covariance, sds, rows.observed, posterior.alpha, problem.at_nodes)
-    return np.asarray(problem.from_nodes @ field)
 
 
 def mixed(step: Step, past: tuple[Step, ...], longest: float) -> Array:
@@ -238,19 +205,3 @@ def mixed(step: Step, past: tuple[Step, ...], longest: float) -> Array:
     move = step.change - (share @ (way + less)).reshape(step.change.shape)
     length, limit = (float(np.linalg.norm(one)) for one in (move, longest * step.change))
     return np.asarray(step.begun + min(1.0, limit / max(length, 1e-300)) * move)
-
-
-def _anneal_scales(iteration: int | None, scales: Scales, groups: int, settings: IterationSettings) -> Array:
-    """Return the change of the logarithms in the first rounds: amplitudes grow to 1, noise shrinks to 1."""
-    change = np.zeros(len(scales.log))
-    if iteration is not None:
-        grown = settings.first_amplitude + settings.amplitude_growth * iteration
-        change[: scales.fields] = np.log(min(1.0, grown))
-    change[scales.fields : scales.fields + groups] = np.log(_noise_factor(iteration, settings))
-    return change
-
-
-def _noise_factor(iteration: int | None, settings: IterationSettings) -> float:
-    """Return the factor on the noise in the first rounds: points pull from afar, and none decides alone."""
-    factors = settings.noise_factors
-    return factors[-1] if iteration is None else factors[min(iteration, len(factors) - 1)]

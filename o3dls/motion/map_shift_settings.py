@@ -9,7 +9,9 @@ from ..settings import number
 
 @dataclass(frozen=True)
 class MapShiftSettings:
-    """When one part of the map is shifted against the others, and no motion of the wall."""
+    """These settings say when one part of the map is taken to be shifted against the others, and not the wall
+    to have moved.
+    """
 
     offset_sd: float = number(0.4, "rms radii", "prior sd of an offset along each axis: 10 mm for an atrium")
     least_part: float = number(0.1, "1", "smallest share of the points that may be a shifted part in time")

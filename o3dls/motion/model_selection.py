@@ -11,18 +11,11 @@ from ..geometry.differential import vertex_normals
 from ..geometry.fairing import fair, roughness
 from ..geometry.fold_repair import repair_folds
 from ..geometry.similarity import apply, fit_similarity
-from .covariance import Places, grams
+from .field.covariance import Places
+from .field.gaussian_process import solve
+from .field.marginal_likelihood import MarginalLikelihood, Scales, free_energy, tune_noise
+from .field.observations import points_left_out
 from .iteration import State, begin, believe, contact_energy, find_feet, gather_rows, step
-from .marginal_likelihood import (
-    Scales,
-    assemble,
-    free_energy,
-    laplace_correction,
-    left_out,
-    solve,
-    tune_noise,
-)
-from .observations import points_left_out
 from .problem import MotionProblem, Smoothed
 from .result import Iterated
 
@@ -31,9 +24,9 @@ MOST_NATS = 500.0  # nats beyond which a probability rounds to 0 or 1
 
 @dataclass(frozen=True, eq=False)
 class MotionEvidence:
-    """Posterior probability of a motion beyond the pose; the start pose (d+1, d+1), `corrected` where another
-    explains the points better; scales, whose noise levels are between those with and without the motion by
-    that probability; `FittedMotion.pose_alone`.
+    """The evidence gives the posterior probability of a motion beyond the pose; the start pose (d+1, d+1),
+    `corrected` where another explains the points better; scales, whose noise levels are between those with
+    and without the motion by that probability; `FittedMotion.pose_alone`.
     """
 
     probability: float
@@ -45,8 +38,8 @@ class MotionEvidence:
 
 @dataclass(frozen=True, eq=False)
 class PoseFit:
-    """The pose and noise alone: free energy, Laplace's correction to it, similarity (d+1, d+1) from the start
-    pose, noise levels.
+    """This fit explains the points by pose and noise alone: free energy, Laplace's correction to it,
+    similarity (d+1, d+1) from the start pose, noise levels.
     """
 
     energy: float
@@ -79,8 +72,7 @@ def motion_evidence(run: Iterated) -> MotionEvidence:
     alone = fit_pose(problem, free=True, clear=clear)
     if alone.energy > clear:
         return certain
-    rows = run.solved.rows
-    correction = laplace_correction(scales, *grams(problem.covariance, rows.observed), rows)
+    correction = MarginalLikelihood.of(problem.covariance, run.solved.rows).laplace(scales)
     against = run.energy + correction - alone.energy - alone.correction + settings.motion_log_odds
     probability = float(1.0 / (1.0 + np.exp(np.clip(against, -MOST_NATS, MOST_NATS))))
     if probability > settings.certain:
@@ -115,12 +107,12 @@ def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
         seen = float(free) * np.einsum(
             "na,nak->nk", directions, problem.covariance.similarity(rows.observed.at)
         )
-        fixed = seen @ seen.T
+        likelihood = MarginalLikelihood(seen @ seen.T, [], rows)
         scales = replace(state.scales, log=tune_noise(state.scales, seen, rows, problem.settings.iteration))
-        matrix, noise = assemble(scales.log, fixed, [], rows)
+        matrix, noise = likelihood.covariance(scales.log)
         posterior, _ = solve(matrix, rows.residual)
         out = points_left_out(
-            rows, feet, state.weights, noise, *left_out(posterior, noise), scales.noises, problem.data
+            rows, feet, state.weights, noise, *posterior.left_out(noise), scales.noises, problem.data
         )
         weights, contact = believe(problem, state, *out)
         before = energy
@@ -135,7 +127,7 @@ def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
         drop = before - energy
         if steady and (abs(drop) < settings.steady_energy or energy - settings.pose_decay * drop > clear):
             break
-    return PoseFit(energy, laplace_correction(state.scales, fixed, [], rows), similarity, state.scales.noises)
+    return PoseFit(energy, likelihood.laplace(state.scales), similarity, state.scales.noises)
 
 
 def preferred_smoothing(run: Iterated) -> Smoothed | None:

@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.differential import unit_mean
 from ..geometry.similarity import apply
-from .covariance import Covariance, Observed, Places, cross, displacement, variance
-from .marginal_likelihood import Posterior, posterior_variance
+from .field.covariance import Places
+from .field.gaussian_process import FieldPosterior
 
 
 @dataclass(frozen=True, eq=False)
 class FittedMotion:
-    """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation
-    (interface.Motion).
+    """A fitted motion takes the prior frame to the map frame, as a function of points with its posterior
+    deviation (interface.Motion).
 
     probability is that the points show a motion at all: so far the field is followed, and for the rest the
     similarity `pose_alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that
@@ -33,10 +32,7 @@ class FittedMotion:
     # and the vertices in it, from which the field displaces: faired where the points show the prior to be
     # rough
     rest: Places
-    covariance: Covariance
-    sds: Array
-    observed: Observed
-    posterior: Posterior
+    field: FieldPosterior
     probability: float
     pose_alone: Array
     inflation: float
@@ -44,7 +40,7 @@ class FittedMotion:
 
     def __call__(self, points: Array) -> Array:
         places = self._find_reference(points)
-        return self.mean(places.at, self._displace_places(places))
+        return self.mean(places.at, self.field.mean(places))
 
     def mean(self, at: Array, field: Array) -> Array:
         """Return where places (n, d) of the reference pose went that the field would displace by (n, d)."""
@@ -60,30 +56,20 @@ class FittedMotion:
         """Return the posterior covariance (n, n) along unit `normals` (map frame) of where points (n, d) of
         the prior frame went, given that they moved: its diagonal is `sd` squared where the motion is certain.
         """
-        asked = self._find_reference(points).observed(normals)
-        explained = solve_triangular(
-            self.posterior.factor, cross(self.covariance, self.sds, self.observed, asked), lower=True
-        )
-        before = cross(self.covariance, self.sds, asked, asked)
-        return np.asarray(self.inflation**2 * (before - explained.T @ explained))
+        return self.inflation**2 * self.field.covariance(self._find_reference(points).observed(normals))
 
     def sd_in_reference(self, places: Places, normals: Array) -> Array:
         """Return `sd` for places that are known in the reference pose."""
-        asked = places.observed(normals)
-        crossed = cross(self.covariance, self.sds, self.observed, asked)
-        var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
+        var = self.field.variance(places.observed(normals))
         # the points may miss a motion that is there: the deviation is that of the motion from where the
         # surface is left
         beyond = (
             0.0
             if self.probability == 1.0
-            else ((self._displace_places(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
+            else ((self.field.mean(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
         )
         held_back = (1.0 - self.probability) * beyond
         return self.inflation * np.sqrt(var + held_back**2)
-
-    def _displace_places(self, places: Places) -> Array:
-        return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
 
     def _shift_alone(self, at: Array) -> Array:
         return apply(self.pose_alone, at) - at

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import sparse
@@ -13,19 +14,26 @@ from ..geometry.closest_point import ClosestPoint
 from ..geometry.differential import unit_mean, vertex_normals
 from ..geometry.fairing import fair, roughness
 from ..geometry.similarity import apply, principal_frame, rms_radius
+from ..noise.contact import Contact, update_contact
 from ..noise.mixture import fit_mixture
 from ..noise.robust import robust_sd
-from .covariance import Covariance, Places, interpolation
-from .observations import LEAST_WEIGHT, Data
+from .correspondence import likely_feet
+from .field.covariance import Covariance, Places, interpolation
+from .field.observations import LEAST_WEIGHT, Data, Feet
 from .settings import MotionSettings
 
+# where on a surface points (n, d) of noise (n,) may have come from, by the surface's places at rest
+Correspondence = Callable[[ClosestPoint, Array, Array, Places], Feet]
+# which points touch, by residual, variance and odds of floating (n,): probabilities (n,) and the mixture
+Contacts = Callable[[Array, Array, Array, Contact], tuple[Array, Contact]]
 Smoothed = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
 LEAST_RESIDUAL = 1e-4  # rms radii: residuals of points exactly on the prior still need a scale
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProblem:
-    """The prior (vertices (n, d), faces (m, d), its own frame) in a pose, and what is fitted to it.
+    """A problem has the prior (vertices (n, d), faces (m, d), its own frame) in a pose, and what is fitted to
+    it.
 
     rest: the vertices in the reference pose, smoothed over `smoothing_length` (0: not at all); rough (n, d):
     what roughness they have there; marks (k, d): landmarks of the prior in the reference pose; size: its rms
@@ -46,6 +54,8 @@ class MotionProblem:
     tree: ClosestPoint
     nodes: Ints
     from_nodes: sparse.csr_matrix
+    correspondence: Correspondence
+    contacts: Contacts = update_contact
 
     @cached_property
     def frame(self) -> Array:
@@ -114,6 +124,11 @@ def motion_problem(
         tree=ClosestPoint(at, faces),
         nodes=nodes,
         from_nodes=interpolation(at[nodes], at, shortest, settings.covariance.node_neighbours),
+        correspondence=partial(
+            likely_feet,
+            cutoff=settings.iteration.foot_cutoff,
+            resolution=settings.iteration.foot_resolution,
+        ),
     )
 
 

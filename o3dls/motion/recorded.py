@@ -16,7 +16,7 @@ from ..geometry.surface import Surface
 
 
 class Motion(Protocol):
-    """A fitted motion of the prior: prior frame to map frame, with its uncertainty."""
+    """A motion takes the prior frame to the map frame, as it was fitted, and knows its uncertainty."""
 
     def __hash__(self) -> int:
         """Of the object itself: two motions are never compared."""
@@ -32,8 +32,8 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class WallModes:
-    """How the errors of a moved prior go together, at some of its vertices: `places` (m,) and `modes` (m, r),
-    such that the errors along the moved normals there have the covariance modes modes^T.
+    """Modes say how the errors of a moved prior go together, at some of its vertices: `places` (m,) and
+    `modes` (m, r), such that the errors along the moved normals there have the covariance modes modes^T.
     """
 
     places: Ints
@@ -42,7 +42,8 @@ class WallModes:
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """A motion, prior frame to map frame, by the prior and the same surface after it (`Motion`).
+    """A recorded motion takes the prior frame to the map frame by the prior and the same surface after it
+    (`Motion`).
 
     A place beside the surface keeps its offset from the nearest place on it, turned and scaled by the
     similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal, and

@@ -20,8 +20,8 @@ PROBABLE = 0.95  # the status says of a motion less probable than this that it i
 
 @dataclass(frozen=True, eq=False)
 class Iterated:
-    """Where iterations of a problem have come to: the last state and system, the history, how far the last
-    round moved the surface (mean along its normals), and what else is to be known.
+    """This says where iterations of a problem have come to: the last state and system, the history, how far
+    the last round moved the surface (mean along its normals), and what else is to be known.
     """
 
     problem: MotionProblem
@@ -38,7 +38,7 @@ class Iterated:
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
+    """A fit has the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
 
     energy is the free energy in nats: lower is likelier, comparable between fits of the same points. The
     trace has its terms: what residuals cost, what the fields could have explained, and the labels.
@@ -89,16 +89,12 @@ def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: floa
     """
     problem = run.problem
     state = run.state
-    rows, posterior = run.solved
     motion = FittedMotion(
         vertices=problem.vertices,
         faces=problem.faces,
         T_map_prior=problem.pose,
         rest=problem.rest,
-        covariance=problem.covariance,
-        sds=state.scales.sds,
-        observed=rows.observed,
-        posterior=posterior,
+        field=run.solved.field,
         probability=probability,
         pose_alone=pose_alone,
         inflation=problem.settings.inflation,

@@ -15,7 +15,9 @@ from .map_shift_settings import MapShiftSettings
 
 @dataclass(frozen=True)
 class CovarianceSettings:
-    """Components of the field's prior covariance, with their usual amplitudes and how sure these are."""
+    """These settings give the components of the field's prior covariance, with their usual amplitudes and how
+    sure these are.
+    """
 
     vector_lengths: tuple[float, ...] = number(
         (1.15, 0.46), "rms radii", "correlation lengths of the vector fields: 30 and 12 mm for an atrium"
@@ -93,7 +95,9 @@ class CovarianceSettings:
 
 @dataclass(frozen=True)
 class IterationSettings:
-    """How the fit iterates: what stands still, what is annealed, and what many points share."""
+    """These settings say how the fit iterates: what stands still, what is annealed, and what many points
+    share.
+    """
 
     iterations: int = number(25, "", "most iterations of one fit: most fits stand still after 16 to 20")
     tolerance: float = number(
@@ -158,7 +162,9 @@ class IterationSettings:
 
 @dataclass(frozen=True)
 class SelectionSettings:
-    """What the points must show to be followed: a motion beyond the pose, or a smoother prior."""
+    """These settings say what the points must show before a motion beyond the pose, or a smoother prior, is
+    followed.
+    """
 
     motion_log_odds: float = number(
         0.0, "nats", "prior log odds against a motion beyond the pose, before points are seen"
@@ -196,7 +202,7 @@ class SelectionSettings:
 
 @dataclass(frozen=True)
 class LeverageSettings:
-    """When points may have pulled the wall out to them, and what stands against it."""
+    """These settings say when points may have pulled the wall out to them, and what stands against it."""
 
     captured_points: int = number(
         5, "points", "usual number of points that are off the wall at the start and on it after the motion"
@@ -216,7 +222,7 @@ class LeverageSettings:
 
 @dataclass(frozen=True)
 class MotionSettings:
-    """All numbers of the motion, and of who touches the wall."""
+    """These are all numbers of the motion, and of who touches the wall."""
 
     covariance: CovarianceSettings = field(default_factory=CovarianceSettings)
     iteration: IterationSettings = field(default_factory=IterationSettings)
@@ -233,7 +239,7 @@ class MotionSettings:
 
 @dataclass(frozen=True)
 class TemplateSettings:
-    """Numbers of a template of several phases."""
+    """These are the numbers of a template of several phases."""
 
     variance: float = number(0.98, "1", "fraction of the phases' variance that the modes keep")
     pose_sd: float = number(1.0, "mm", "how far the start pose may be off: phases and prior share one frame")

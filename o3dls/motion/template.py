@@ -22,8 +22,8 @@ from ..geometry.differential import unit_mean, vertex_normals
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.twist import Twist
 from ..noise.mixture import fit_mixture
+from .field.observations import Data
 from .fit import fit_motion
-from .observations import Data
 from .settings import TemplateSettings
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Mean (n, d) of the phases with their modes (k, n, d), the coefficients (phases, k) of the phases, and
-    how far off the way through them a phase of its own may lie, by mode (k,).
+    """A template has the mean (n, d) of the phases with their modes (k, n, d), the coefficients (phases, k)
+    of the phases, and how far off the way through them a phase of its own may lie, by mode (k,).
     """
 
     mean: Array
@@ -125,8 +125,8 @@ def _register_phase(vertices: Array, faces: Ints, phase: Array, most: int) -> Ar
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """Where between the phases points lie: coefficients (k,), pose, noise, history, and whether the surface
-    came to rest.
+    """This says where between the phases points lie: coefficients (k,), pose, noise, history, and whether the
+    surface came to rest.
     """
 
     c: Array
@@ -151,7 +151,7 @@ def locate(model: Template, pose: Array, points: Array) -> Between:
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """The points (n, d) against the template."""
+    """This compares the points (n, d) with the template."""
 
     model: Template
     points: Array
@@ -228,8 +228,8 @@ class _Points:
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """From the prior to the template's shape: places go along with the vertices (n, d) nearest to them, which
-    move by `by` (n, d).
+    """A shift leads from the prior to the template's shape: places go along with the vertices (n, d) nearest
+    to them, which move by `by` (n, d).
     """
 
     tree: ClosestPoint  # of the prior
@@ -243,7 +243,9 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The prior's shift to the template's shape, then the motion fitted from there (estimate.Motion)."""
+    """A chain applies the prior's shift to the template's shape, then the motion fitted from there
+    (estimate.Motion).
+    """
 
     first: Shift
     then: Motion

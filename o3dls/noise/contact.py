@@ -20,8 +20,9 @@ LEAST_DENSITY = 1e-100  # of contact, however far off, so that a point which may
 
 @dataclass(frozen=True)
 class Contact:
-    """State of the mixture: fraction of outliers (points off the wall), the lengths over which they spread
-    inside and anywhere, how runs persist (0: not at all), and the fraction of the outliers that lies inside.
+    """This is the state of the mixture: fraction of outliers (points off the wall), the lengths over which
+    they spread inside and anywhere, how runs persist (0: not at all), and the fraction of the outliers that
+    lies inside.
     """
 
     depth: float

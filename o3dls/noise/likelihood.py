@@ -17,7 +17,8 @@ from .contact import Contact
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Noise of points around a surface: sd `sigma` (n,) each, and outliers as `contact` expects them.
+    """The likelihood describes the noise of points around a surface: sd `sigma` (n,) each, and outliers as
+    `contact` expects them.
 
     In logarithms: with an outlier fraction of 0, a point however far off is still one of the wall.
 

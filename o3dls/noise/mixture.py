@@ -20,8 +20,8 @@ DEFAULTS = MixtureSettings()
 
 
 class Mixture(NamedTuple):
-    """Probability (n,) of each point to lie on the wall, the noise of those that do (same unit), and the
-    fraction of those that do not.
+    """A mixture gives the probability (n,) of each point to lie on the wall, the noise of those that do (same
+    unit), and the fraction of those that do not.
     """
 
     weights: Array

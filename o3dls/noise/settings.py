@@ -9,7 +9,9 @@ from ..settings import number
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How points that do not touch the wall are expected to lie: mostly inside the chamber, and in runs."""
+    """These settings say how points that do not touch the wall are expected to lie: mostly inside the
+    chamber, and in runs.
+    """
 
     outlier_fraction: float = number(
         0.08, "1", "expected share of outliers, before points are seen: maps have 2 to 20 %"
@@ -53,7 +55,9 @@ class ContactSettings:
 
 @dataclass(frozen=True)
 class DuplicateSettings:
-    """When points are so close together that they are one place of the catheter, and no new evidence."""
+    """These settings say when points are so close together that they are one place of the catheter, and no
+    new evidence.
+    """
 
     distances: tuple[float, ...] = number(
         (0.06, 0.03, 0.015),
@@ -79,7 +83,7 @@ class DuplicateSettings:
 
 @dataclass(frozen=True)
 class MixtureSettings:
-    """Expectation maximisation over signed distances."""
+    """These settings govern expectation maximisation over signed distances."""
 
     iterations: int = number(40, "", "most iterations: the mixture mostly rests after ten")
     tolerance: float = number(1e-4, "1", "relative change of the noise below which the mixture rests")

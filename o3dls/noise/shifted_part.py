@@ -16,9 +16,9 @@ Landmarks = Literal["stay", "move", "part"]
 
 @dataclass(frozen=True, eq=False)
 class MapPart:
-    """Points on one side of a cut: those taken after `beyond` in their order or, with a `direction` (d,),
-    those that lie farther than `beyond` along it; and whether landmarks stay, move along, or do what points
-    there do.
+    """A part has the points on one side of a cut: those taken after `beyond` in their order or, with a
+    `direction` (d,), those that lie farther than `beyond` along it; and whether landmarks stay, move along,
+    or do what points there do.
     """
 
     direction: Array | None
@@ -48,8 +48,9 @@ class MapPart:
 
 @dataclass(frozen=True, eq=False)
 class MapShift:
-    """A part with its offset (d,), the offset's standard deviation (d,) along the axes, the nats by which it
-    explains the points better than a motion alone does, and how many `points` of how many `total` it has.
+    """A shift has a part with its offset (d,), the offset's standard deviation (d,) along the axes, the nats
+    by which it explains the points better than a motion alone does, and how many `points` of how many `total`
+    it has.
     """
 
     part: MapPart

@@ -34,7 +34,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Command:
-    """A line for a shell that makes what stands above."""
+    """A command is a line for a shell that makes what stands above."""
 
     line: str
 
@@ -63,7 +63,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A PNG with its file name and what it shows."""
+    """A figure is a PNG with its file name and what it shows."""
 
     name: str
     caption: str

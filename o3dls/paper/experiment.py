@@ -54,7 +54,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Scope:
-    """How much is computed: all seeds or a few, and where third-party data lie."""
+    """The scope says how much is computed: all seeds or a few, and where third-party data lie."""
 
     quick: bool = False
     data: Path | None = None
@@ -65,7 +65,7 @@ class Scope:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Rows of numbers, and shapes by name: surfaces, or points (n, d)."""
+    """An outcome has rows of numbers, and shapes by name: surfaces, or points (n, d)."""
 
     rows: Sequence[Row]
     shapes: Mapping[str, Surface | Array] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of an experiment that runs in a process of its own: a module-level function and its
+    """A task is a piece of an experiment that runs in a process of its own: a module-level function and its
     arguments.
     """
 

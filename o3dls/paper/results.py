@@ -25,7 +25,9 @@ SHAPES = "shapes"
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Rows of all experiments, sentences on what was left out, and the folder of the shapes."""
+    """Results hold the rows of all experiments, sentences on what was left out, and the folder of the
+    shapes.
+    """
 
     rows: Sequence[Row]
     left_out: Mapping[str, str]

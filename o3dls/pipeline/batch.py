@@ -49,8 +49,7 @@ def run_into(
     """
     check_free(out, force, "run")
     with log_of_failure(out):
-        run = pipeline.run(case, pool)
-        run.write(out, force=force)
+        run = pipeline.run(case, pool).written(out, force=force)
     forget_failure(out)
     return run
 
@@ -124,7 +123,7 @@ def _log_outcome(outcome: Outcome, done: int, of: int) -> None:
 
 
 class _Written:
-    """The table of the cases that are done so far, written as often as it takes little of the time."""
+    """The table of the finished cases is written as often as it takes little of the time."""
 
     def __init__(self, out: Path) -> None:
         self._out, self._next = out, 0.0
@@ -174,7 +173,7 @@ def _check_places(study: Sequence[Planned], out: Path, force: bool) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """One case, what to do with it, and where its run goes.
+    """A task has one case, what to do with it, and where its run goes.
 
     since: make it again where its run is older, by the time of files; work: the folder that relative paths
     start from.

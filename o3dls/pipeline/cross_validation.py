@@ -18,7 +18,7 @@ from ..arrays import Array, Ints
 from ..case import Case
 from ..errors import O3dlsError
 from ..estimate import Estimate
-from ..evaluation.distances import distances
+from ..evaluation.left_out import LeftOut, left_out_points
 from ..evaluation.statistics import Difference, paired_difference
 from ..run_warning import RunWarning
 from ..runs.log import recorded_log
@@ -30,17 +30,16 @@ log = logging.getLogger("o3dls")
 Fit = Callable[[Case], Mapping[str, Estimate]]
 
 
-def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
-    """Return distances (k,) of the case's eam points to the estimates fitted without their block, by
-    estimate, in file order; without the offset of a part of the map where the fold's last estimate took one
-    out.
+def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, LeftOut]:
+    """Return how the case's eam points lie to the estimates fitted without their block, by estimate, in file
+    order; without the offset of a part of the map where the fold's last estimate took one out.
     """
     return Folds(fit, case, folds).left_out()
 
 
 class Folds:
-    """The refits of a cross-validation: from the first one on here, once they are asked for, and from the
-    last one on in a process of `pool`, which begins at once. Either gives the same.
+    """Folds are the refits of a cross-validation: from the first one on here, once they are asked for, and
+    from the last one on in a process of `pool`, which begins at once. Either gives the same.
     """
 
     def __init__(self, fit: Fit, case: Case, folds: int, pool: Executor | None = None) -> None:
@@ -48,14 +47,14 @@ class Folds:
         self._rows = np.flatnonzero(case.points.type == "eam")
         self._fold_of = fold_of(case.points.xyz[self._rows], folds)
         self._waiting = deque(range(folds))
-        self._beside: dict[int, Future[tuple[dict[str, Array], list[str]]]] = {}
+        self._beside: dict[int, Future[tuple[dict[str, LeftOut], list[str]]]] = {}
         self._thread = Thread(target=self._begin_beside, args=(pool,), daemon=True) if pool else None
         if self._thread:
             self._thread.start()
 
-    def left_out(self) -> dict[str, Array]:
-        """Return the distances, as `cross_validate` gives them. Raises what a fit raises, with its fold."""
-        found: dict[int, dict[str, Array]] = {}
+    def left_out(self) -> dict[str, LeftOut]:
+        """Return what `cross_validate` does. Raises what a fit raises, with its fold."""
+        found: dict[int, dict[str, LeftOut]] = {}
         while (fold := _take_fold(self._waiting.popleft)) is not None:
             with self._name_fold(fold):
                 found[fold] = _measure_gaps(self._fit, self._case, self._rows_left_out(fold))
@@ -64,11 +63,11 @@ class Folds:
         for fold in sorted(set(range(self._count)) - found.keys()):
             with self._name_fold(fold):
                 found[fold] = self._await_beside(fold)
-        gaps = {name: np.zeros(len(self._rows)) for name in found[0]}
+        whole = {name: LeftOut.unknown(len(self._rows)) for name in found[0]}
         for fold, by_name in found.items():
-            for name, values in by_name.items():
-                gaps[name][self._fold_of == fold] = values
-        return gaps
+            for name, part in by_name.items():
+                whole[name].fill(self._fold_of == fold, part)
+        return whole
 
     def _begin_beside(self, pool: Executor) -> None:
         """Begin folds beside this process one by one, as a process that is still to begin shall not keep a
@@ -81,7 +80,7 @@ class Folds:
                 self._beside[fold] = pool.submit(_measure_and_log, self._fit, self._case, away)
                 wait([self._beside[fold]])
 
-    def _await_beside(self, fold: int) -> dict[str, Array]:
+    def _await_beside(self, fold: int) -> dict[str, LeftOut]:
         try:
             found, lines = self._beside[fold].result()
         except (KeyError, BrokenExecutor, CancelledError):  # its process was ended, as where memory is short
@@ -116,14 +115,14 @@ def _take_fold(take: Callable[[], int]) -> int | None:
         return None
 
 
-def _measure_gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
-    """Return, by estimate, the distances of the points `away` to what is fitted without them."""
+def _measure_gaps(fit: Fit, case: Case, away: Ints) -> dict[str, LeftOut]:
+    """Return, by estimate, how the points `away` lie to what is fitted without them."""
     estimates = fit(without(case, away))
     left = list(estimates.values())[-1].corrected(case).points.xyz[away]
-    return {name: distances(left, estimate.surface) for name, estimate in estimates.items()}
+    return {name: left_out_points(left, estimate, case.units) for name, estimate in estimates.items()}
 
 
-def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
+def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, LeftOut], list[str]]:
     """Return what `_measure_gaps` does, with the lines of the log of that process, which nobody reads
     there.
     """
@@ -131,20 +130,20 @@ def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array]
         return _measure_gaps(fit, case, away), lines
 
 
-def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> tuple[str, list[RunWarning]]:
+def ending(chain: Sequence[str], left_out: Mapping[str, LeftOut], case: Case) -> tuple[str, list[RunWarning]]:
     """Return the name of the estimate that a run ends with; and, where it is not the last, a warning that
     says why.
 
-    chain: the last estimate and those that it started from, last first; left_out: by estimate, distances (n,)
-    of the eam points of the case to what was fitted without them. The last is rejected where another is
+    chain: the last estimate and those that it started from, last first; left_out: by estimate, how the eam
+    points of the case lie to what was fitted without them. The last is rejected where another is
     closer in the mean and the 95 % interval of the difference leaves out zero.
     """
     last = chain[0]
-    known = [name for name in chain if name in left_out]
+    known = {name: left_out[name].distance for name in chain if name in left_out}
     if not known:
         return last, []
-    best = min(known, key=lambda name: float(left_out[name].mean()))
-    farther = paired_difference(left_out[best], left_out[last], case.points.of("eam").xyz)
+    best = min(known, key=lambda name: float(known[name].mean()))
+    farther = paired_difference(known[best], known[last], case.points.of("eam").xyz)
     if not farther.low > 0.0:
         return last, []
     return best, [RunWarning("stage-rejected", _explain_rejection(last, best, farther, case.units), last)]

@@ -27,8 +27,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Order:
-    """A file in the folder of the runs, which the client writes and every worker looks at: it says whether
-    tasks may be begun; where it is gone those that run are ended.
+    """An order is a file in the folder of the runs, which the client writes and every worker looks at: it
+    says whether tasks may be begun; where it is gone those that run are ended.
     """
 
     path: Path

@@ -24,7 +24,7 @@ PARTIAL = re.compile(r"\..*\.partial-")
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one case: what became of it, and what it was warned of.
+    """An outcome says what became of one case, and what it was warned of.
 
     Rows of its scores, or the sentence that says why there are none. skipped: its run was there already.
     """

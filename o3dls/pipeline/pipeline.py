@@ -43,7 +43,7 @@ log = logging.getLogger("o3dls")
 
 @dataclass(frozen=True)
 class Pipeline:
-    """Stages in order, writers of what the run shall leave behind, and the number of folds.
+    """A pipeline has stages in order, writers of what the run shall leave behind, and the number of folds.
 
     The folds are of the cross-validation (0: none). `case` and `out` are folders, and only needed where `run`
     and `write` are not told. Raises PipelineError with every mistake.
@@ -106,9 +106,8 @@ class Pipeline:
         from ..parallel import started_beside
 
         begin = perf_counter()
+        started_beside(self._prepare_plugins)
         self._check_case(case)
-        for writer in self.writes:
-            started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
         estimates = self._fit_and_judge(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
@@ -131,6 +130,10 @@ class Pipeline:
         made_in = run.provenance.model_copy(update={"seconds": perf_counter() - begin})
         run = warned_of_far_points(replace(run, ends_with=final))
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
+
+    def _prepare_plugins(self) -> None:
+        for plugin in (*self.stages, *self.writes):
+            plugin.prepare()
 
     def judged(self, case: Case) -> dict[str, Estimate]:
         """Return the estimates of `fit` with the warnings on the start, which every estimate depends on.

@@ -22,7 +22,7 @@ KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class Task(Protocol[T_co]):
-    """The work that a process shall do, and the name of what comes of it."""
+    """A task is the work that a process shall do, and the name of what comes of it."""
 
     @property
     def name(self) -> str: ...
@@ -39,8 +39,8 @@ class Task(Protocol[T_co]):
 
 @dataclass(frozen=True)
 class Death:
-    """How the process of a task ended: beyond a limit for a reason, or from outside; and whether the task
-    alone is to blame, and none that its process had done before.
+    """This says how the process of a task ended: beyond a limit for a reason, or from outside; and whether
+    the task alone is to blame, and none that its process had done before.
     """
 
     reason: str
@@ -52,7 +52,7 @@ OUTSIDE = Death("killed from outside", from_outside=True, of_this_task=False)
 
 
 class Place(Generic[T]):
-    """A process, begun when a task needs one.
+    """A place runs tasks in a process, begun when a task needs one.
 
     It has a pool of its own: in one of several processes, the death of one fails the tasks of all, or, in
     pebble's (5.2), leaves for ever without a result those that it was taking and that come after.

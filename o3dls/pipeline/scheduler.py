@@ -144,7 +144,7 @@ def _describe_unfit(error: BaseException) -> str:
 
 
 class _Spread(Generic[T]):
-    """The tasks that a scheduler has."""
+    """This holds the tasks that were given to a scheduler."""
 
     def __init__(self, client: Any, order: Order, limits: Limits) -> None:
         self.client, self.order, self.limits = client, order, limits

@@ -20,7 +20,7 @@ SET = "set."  # before the name of a parameter in the head of a table
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A case that shall be run: the name of its run's folder, its own folder and the pipeline.
+    """A planned case shall be run: it has the name of its run's folder, its own folder and the pipeline.
 
     trim: leave out what the case does not allow, as for the default pipeline.
     """
@@ -66,7 +66,7 @@ def shard(study: Sequence[Planned], part: int, parts: int) -> list[Planned]:
 
 
 class _Plans:
-    """Pipelines by file and settings, each read once."""
+    """Pipelines are kept here by file and settings, so that each is read once."""
 
     def __init__(self, usual: Path | None, settings: tuple[str, ...]) -> None:
         self.usual, self.settings = usual, settings

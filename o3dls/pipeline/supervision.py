@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a task: seconds and bytes of resident memory (None: any); and how often it is begun again
+    """Limits bound a task: seconds and bytes of resident memory (None: any); and how often it is begun again
     where its process was ended from outside. Raises InputError.
     """
 
@@ -69,7 +69,7 @@ def resident(process: int) -> int:
 
 @dataclass(frozen=True)
 class Ended:
-    """The result of a task whose process was ended: the reason why there is no other."""
+    """This is the result of a task whose process was ended: the reason why there is no other."""
 
     reason: str
 
@@ -119,7 +119,7 @@ def end(places: Sequence[Place[T]]) -> None:
 
 
 class _Line(Generic[T]):
-    """The tasks that wait, and what became of those that are begun again."""
+    """The line holds the tasks that wait, and what became of those that are begun again."""
 
     def __init__(self, tasks: Sequence[Task[T]], limits: Limits) -> None:
         self.waiting = deque(tasks)

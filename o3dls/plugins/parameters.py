@@ -19,7 +19,9 @@ from ..errors import did_you_mean
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter as people read it: `limits` is an interval such as `[0, inf)` or the accepted words."""
+    """A parameter is described as people read it: `limits` is an interval such as `[0, inf)` or the accepted
+    words.
+    """
 
     name: str
     kind: str

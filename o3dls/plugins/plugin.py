@@ -24,7 +24,8 @@ GROUPS = {
 
 
 class Plugin(BaseModel, ABC, metaclass=PluginType):
-    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
+    """A plugin has typed, frozen parameters that check themselves; help, pipeline syntax and records come
+    from them.
 
     A plugin may be a parameter of another one, its part: a table in the pipeline file. `placing` names the
     parameters that a plugin does not have there.
@@ -83,6 +84,11 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
     def obstacle(self, case: Case) -> str | None:
         """Return why this plugin cannot work on the case (a sentence), None where it can."""
         return None
+
+    def prepare(self) -> None:
+        """Import what the plugin's work takes. A pipeline calls this on a thread while it checks the case and
+        runs earlier stages, so that a run waits less for imports.
+        """
 
     def mistake(self, case: Case) -> str | None:
         """Return what of the case or the parameters must be corrected first (a sentence), None where nothing

@@ -15,8 +15,8 @@ FINEST = 1e-3  # mm: no image and no surface of a heart has detail of a micromet
 
 
 class Stage(Plugin):
-    """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the
-    estimate to start from.
+    """A stage is one step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names
+    the estimate to start from.
     """
 
     placing: ClassVar[frozenset[str]] = frozenset({"as_", "after"})

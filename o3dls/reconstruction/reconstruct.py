@@ -34,7 +34,9 @@ from .shape.surplus import surplus
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """What stays fixed: points as the motion left them, the moved prior, lengths, settings."""
+    """This is what stays fixed in a reconstruction: points as the motion left them, the moved prior, lengths,
+    settings.
+    """
 
     believed: Believed
     prior: MovedPrior

@@ -10,8 +10,8 @@ from .shape_settings import HandleSettings, OwnPartSettings, SurplusSettings
 
 @dataclass(frozen=True)
 class SplineSettings:
-    """The field that is added to the moved prior's signed distance: B-splines on lattices, each half as wide
-    as the one before.
+    """These settings describe the field that is added to the moved prior's signed distance: B-splines on
+    lattices, each half as wide as the one before.
     """
 
     coarsest: float = number(
@@ -67,7 +67,9 @@ class SplineSettings:
 
 @dataclass(frozen=True)
 class NormalSettings:
-    """Normals of points: planes through their neighbours, sides by the winding number."""
+    """These settings say how normals of points are found: planes through their neighbours, sides by the
+    winding number.
+    """
 
     radius: float = number(
         0.15, "rms radii", "radius of the neighbourhood that gives a normal: 5 mm, about a vein's radius"
@@ -125,7 +127,7 @@ class NormalSettings:
 
 @dataclass(frozen=True)
 class AmplitudeSettings:
-    """The field's deviation before points are seen, place by place."""
+    """These settings say what the field's deviation is before points are seen, place by place."""
 
     ladder: tuple[float, ...] = number(
         (0.001, 0.003, 0.006, 0.012, 0.025, 0.05),
@@ -149,7 +151,7 @@ class AmplitudeSettings:
 
 @dataclass(frozen=True)
 class ReconstructionSettings:
-    """All numbers of the reconstruction."""
+    """These are all numbers of the reconstruction."""
 
     evidence: float = number(
         15.0, "nats", "gain in predicting left-out points that a reconstruction needs: chance makes up to ten"

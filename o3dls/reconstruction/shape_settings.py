@@ -9,7 +9,9 @@ from ..settings import number
 
 @dataclass(frozen=True)
 class SurplusSettings:
-    """Which parts of the moved prior points show not to be there."""
+    """These settings say which parts of the moved prior are removed because points show that they are not
+    there.
+    """
 
     cell: float = number(0.04, "rms radii", "spacing of the lattice on which surplus parts are cut off: 1 mm")
     reach: float = number(
@@ -54,7 +56,9 @@ class SurplusSettings:
 
 @dataclass(frozen=True)
 class OwnPartSettings:
-    """When a part of the patient's own anatomy is given up: never because no catheter was there."""
+    """These settings say when a part of the patient's own anatomy is given up: never because no catheter was
+    there.
+    """
 
     reach: float = number(
         1.0, "clips", "distance from the new wall beyond which the prior's inside is a lost part"
@@ -68,7 +72,7 @@ class OwnPartSettings:
 
 @dataclass(frozen=True)
 class HandleSettings:
-    """Which handles a reconstruction keeps, and how it gets rid of the others."""
+    """These settings say which handles a reconstruction keeps, and how it gets rid of the others."""
 
     evidence: float = number(
         3.0, "nats", "nats by which points must be likelier with a handle than without it"

@@ -24,7 +24,7 @@ BLOCKS = 25  # neighbouring points err alike, so blocks of them are compared, no
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A refined pose with the robust cost (n,) in [0, 1] of every point."""
+    """A candidate is a refined pose with the robust cost (n,) in [0, 1] of every point."""
 
     alignment: Alignment
     costs: Array

@@ -53,8 +53,8 @@ def wall_or_cavity(radius: float) -> Belief:
 
 @dataclass(frozen=True)
 class Criteria:
-    """When to stop: a step (longest motion of a foot) below `tolerance`, or `iterations`; thresholds fall
-    from `coarse`-fold to one-fold over the first `anneal` iterations.
+    """The criteria say when to stop: at a step (longest motion of a foot) below `tolerance`, or after
+    `iterations`; thresholds fall from `coarse`-fold to one-fold over the first `anneal` iterations.
     """
 
     tolerance: float = 5e-3
@@ -68,7 +68,9 @@ class Criteria:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Where ICP came to rest: pose, the pairs and weights (n,) there, one record per iteration."""
+    """An alignment says where ICP came to rest: pose, the pairs and weights (n,) there, one record per
+    iteration.
+    """
 
     T_map_prior: Array
     pairs: Pairs

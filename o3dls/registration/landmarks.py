@@ -29,8 +29,8 @@ ALL_ORDERS = 6  # up to 720 orders are tried; of more landmarks only exchanges o
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One way to read the landmarks: which old name each gets (`order`), whether the side is mirrored; the
-    pose and its rms error.
+    """A reading is one way to read the landmarks: which old name each gets (`order`), whether the side is
+    mirrored; the pose and its rms error.
     """
 
     order: tuple[int, ...]
@@ -60,6 +60,30 @@ def leave_one_out(prior: Array, measured: Array, weights: Array, *, scale: bool)
             matrix = fit_similarity(prior[rest], measured[rest], weights[rest], scale=scale)
             out[i] = errors(prior[[i]], measured[[i]], matrix)[0]
     return out
+
+
+def odd_one(prior: Array, measured: Array, far: float) -> int | None:
+    """Return the landmark that contradicts all others: without it they fit twice as well, and they put it
+    farther than `far` from where it was marked. None where there is no such one.
+
+    It need not be the one that is farthest off when it is left out: three others hardly fix a fourth that
+    lies beyond them.
+    """
+    one = np.ones(len(prior))
+    gaps = leave_one_out(prior, measured, one, scale=False)
+    if np.isnan(gaps).all():
+        return None
+    rest = np.full(len(prior), np.inf)
+    for i in np.flatnonzero(~np.isnan(gaps)):
+        others = np.arange(len(prior)) != i
+        rest[i] = _rms(prior[others], measured[others])
+    odd = int(rest.argmin())
+    return odd if gaps[odd] > far and rest[odd] < MUCH_BETTER * _rms(prior, measured) else None
+
+
+def _rms(prior: Array, measured: Array) -> float:
+    matrix = fit_similarity(prior, measured, scale=False)
+    return float(np.sqrt((errors(prior, measured, matrix) ** 2).mean()))
 
 
 def determined(points: Array) -> bool:

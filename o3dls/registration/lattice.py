@@ -19,8 +19,8 @@ MARGIN = 0.5  # beyond the surface's box, in rms radii
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Signed distances phi (a, b, c), negative inside, at low + spacing * index; in 2D all is the same along
-    the third axis.
+    """A lattice holds signed distances phi (a, b, c), negative inside, at low + spacing * index; in 2D all is
+    the same along the third axis.
     """
 
     phi: Array

@@ -15,8 +15,8 @@ APART = 1e-7  # distance over the surface's radius from which on the direction o
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Points (n, d), their feet on the surface (n, d), the outward unit normals there (n, d), all in the map
-    frame; faces (n,).
+    """Pairs are points (n, d) with their feet on the surface (n, d), the outward unit normals there (n, d),
+    all in the map frame; faces (n,).
     """
 
     points: Array
@@ -44,8 +44,8 @@ class Pairs:
 
 
 class SurfaceMatcher:
-    """Closest points on a surface that moves by similarities: the tree is built once, in the prior frame, and
-    the points move instead.
+    """A matcher finds closest points on a surface that moves by similarities: the tree is built once, in the
+    prior frame, and the points move instead.
     """
 
     def __init__(self, surface: Surface) -> None:

@@ -16,9 +16,10 @@ from .match import Pairs
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a rotation acts:
-    1 at the point, because Omega turns with the surface, 0.5 half way from the foot where both sides share
-    the rotation. `closed_form`: the minimum over all motions is known, so that one step reaches it.
+    """Factors are pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a
+    rotation acts: 1 at the point, because Omega turns with the surface, 0.5 half way from the foot where both
+    sides share the rotation. `closed_form`: the minimum over all motions is known, so that one step reaches
+    it.
     """
 
     pairs: Pairs

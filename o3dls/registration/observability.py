@@ -26,9 +26,9 @@ AXES = {2: ("long", "short"), 3: ("long", "middle", "short")}
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """One principal direction of uncertainty: its standard deviation as rms motion of the surface, and the
-    parts of that motion: shift (d,), rotation vector (r,) in radians, log scale; `meaning` names the largest
-    part.
+    """A direction is one principal direction of uncertainty: its standard deviation as rms motion of the
+    surface, and the parts of that motion: shift (d,), rotation vector (r,) in radians, log scale; `meaning`
+    names the largest part.
     """
 
     sd: float

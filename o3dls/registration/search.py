@@ -27,8 +27,8 @@ APART = np.radians(20.0)  # poses that differ less are one
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Rotations (k, 3, 3), shifts (k, 3) and scales (k,) of points about `middle` (d,) into the prior frame,
-    with mean robust costs (k,) in [0, 1]; in 2D the third axis stays where it is.
+    """Poses are rotations (k, 3, 3), shifts (k, 3) and scales (k,) of points about `middle` (d,) into the
+    prior frame, with mean robust costs (k,) in [0, 1]; in 2D the third axis stays where it is.
     """
 
     rotations: Array

@@ -14,10 +14,10 @@ from .metrics import Factors
 
 @dataclass(frozen=True)
 class Freedom:
-    """What the motion may do. Log scale is pulled to zero with standard deviation `scale_sd` (None: not
-    pulled). With `strain_sd` the body may strain by so much while a step is found, so that uneven stretch
-    does not pull the pose; the strain is not kept. A direction whose uncertainty, as rms motion of the
-    surface over its radius, exceeds `freeze` is left where it is.
+    """The freedom says what the motion of one step may do. Log scale is pulled to zero with standard
+    deviation `scale_sd` (None: not pulled). With `strain_sd` the body may strain by so much while a step is
+    found, so that uneven stretch does not pull the pose; the strain is not kept. A direction whose
+    uncertainty, as rms motion of the surface over its radius, exceeds `freeze` is left where it is.
     """
 
     scale: bool = False
@@ -29,8 +29,8 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What moves: vertices' middle (d,), rms radius and strain generators (k, d, d) in the prior frame, and
-    the pose.
+    """The body is what moves: vertices' middle (d,), rms radius and strain generators (k, d, d) in the prior
+    frame, and the pose.
     """
 
     middle: Array

@@ -17,7 +17,7 @@ from .grading.check import Check, Grade
 from .grading.wall import farthest, prior_only, removed_wall, volume
 from .shape_words import words_of
 from .subject import Subject
-from .wall_parts import MAPPED, PRIOR_ONLY, Part, compared, wall_parts
+from .wall_parts import MAPPED, PRIOR_ONLY, Part, compared, compared_parts
 
 FAR_LANDMARK = 15.0  # mm from its place on the result: as of a landmark in another vein
 # mm rms, of all of them, on a patient's own prior: places marked to 2 mm per axis lie 3.5 mm off, and 3.9 at
@@ -119,19 +119,17 @@ def _check_calibration(subject: Subject) -> Check:
 
 def _against_baseline(subject: Subject) -> Check:
     """Compare the last estimate with the baseline, separately on the mapped wall and where there are no
-    points: a gain on one must not hide harm.
+    points: a gain on one must not hide harm. Where neither is clearly closer, that is no merit.
     """
-    parts = [one for one in wall_parts(subject) if one.gain]
+    parts = [one for one in compared_parts(subject) if one.gain]
     name = f"Against {subject.first.name}" if subject.first else "Against a baseline"
     if not parts:
         return Check(name, "none", "no points left out, or no baseline")
     said = "; ".join(f"{one.name}: {compared(one, subject.unit)}" for one in parts)
-    return Check(
-        name,
-        "amber" if any(_is_behind(one, subject) for one in parts) else "good",
-        said,
-        _describe_worst(parts, subject.unit),
-    )
+    if behind := [one for one in parts if _is_behind(one, subject)]:
+        return Check(name, "amber", said, _describe_gain(behind, subject.unit))
+    closer = [one for one in parts if one.gain and one.gain.clear]
+    return Check(name, "good" if closer else "even", said, _describe_gain(closer or parts, subject.unit))
 
 
 def _is_behind(part: Part, subject: Subject) -> bool:
@@ -139,12 +137,10 @@ def _is_behind(part: Part, subject: Subject) -> bool:
     return part.worse or (subject.unit == "mm" and part.gain is not None and part.gain.mean > FARTHER)
 
 
-def _describe_worst(parts: Sequence[Part], unit: str) -> str:
-    """Describe the gain on the part on which the last estimate does least well, so that a gain on the other
-    hides nothing.
-    """
+def _describe_gain(parts: Sequence[Part], unit: str) -> str:
+    """Describe the gain on that of the parts on which the last estimate does least well."""
     least = max((one.gain for one in parts if one.gain), key=lambda gain: gain.mean)
-    if not least.clear:
+    if not least.clear and least.mean <= FARTHER:
         return "no clear difference"
     return f"{'closer' if least.mean < 0 else 'farther'} by {abs(least.mean):.2f} {unit}"
 
@@ -171,9 +167,10 @@ def _check_landmarks(subject: Subject) -> Check:
 def _check_size(subject: Subject) -> Check:
     """Check the scale that ICP finds between image and map, which are both in millimetres."""
     name = "Size"
-    first = subject.first
+    first = next((one for one in subject.results.values() if one.key.startswith("icp")), None)
+    first = subject.first if subject.first and subject.first.key.startswith("icp") else first
     if first is None or subject.case.prior_of != "patient" or subject.unit != "mm":
-        return Check(name, "none", "there is no baseline, the prior is a template, or lengths are not in mm")
+        return Check(name, "none", "there is no ICP, the prior is a template, or lengths are not in mm")
     scale = float(np.cbrt(np.linalg.det(first.estimate.T_map_prior[:3, :3])))
     off = abs(np.log(scale)) > SIZE
     asked = ": are units, heart phase and patient the same?" if off else ""

@@ -14,7 +14,7 @@ LEAST = 0.005  # smaller changes would be written as 0.00
 
 @dataclass(frozen=True)
 class Step:
-    """A stage, and the mean distance before and after it."""
+    """A step is a stage, with the mean distance before and after it."""
 
     stage: str
     before: float

@@ -21,8 +21,8 @@ OFF = 0.2
 
 @dataclass(frozen=True)
 class Expected:
-    """Mean distance that the posterior expects between surface and wall: on all of it, and apart on the wall
-    near fitted points and on that without points (None where there is no such wall).
+    """This is the mean distance that the posterior expects between surface and wall: on all of it, and apart
+    on the wall near fitted points and on that without points (None where there is no such wall).
     """
 
     all: float

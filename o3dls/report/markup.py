@@ -15,7 +15,7 @@ SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg);", re.IGN
 
 
 class Html(str):
-    """A piece of HTML that is safe to place in a page as it is."""
+    """This piece of HTML is safe to place in a page as it is."""
 
 
 Child = str | float | int | None

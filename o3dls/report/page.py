@@ -15,6 +15,7 @@ from .sections.order import SECTIONS
 from .sections.outcome import overall, strip
 from .shape_words import words_of
 from .subject import Subject
+from .surfaces.given import before_stages
 from .verdict import warnings
 
 STYLES = ("report.css", "layout.css", "charts.css", "print.css")
@@ -35,7 +36,7 @@ def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> st
     """Write a complete HTML document with the styles and the notice that every page of ours carries, with
     these files of scripts, and with links to its sections beside it.
     """
-    script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
+    script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", "tables.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
     style = variables() + "".join(map(asset, STYLES))
@@ -49,7 +50,7 @@ def _page_head(subject: Subject) -> Html:
     kinds = ", ".join(
         f"{int((case.points.type == kind).sum())} {kind}" for kind in dict.fromkeys(case.points.type.tolist())
     )
-    names = {"start": "before registration"}
+    names = before_stages(subject.last.run)
     steps = " → ".join(names.get(key, key) for key in subject.last.run.estimates)
     found, words = checks(subject), words_of(subject)
     line = (

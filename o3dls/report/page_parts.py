@@ -11,6 +11,7 @@ SCRIPTS = (
     "decode.js",
     "materials.js",
     "focus.js",
+    "framing.js",
     "panels.js",
     "points.js",
     "hidden.js",

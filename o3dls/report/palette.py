@@ -16,6 +16,7 @@ METHODS = {
     "deform": 2,
     "landmarks": 3,
     "paper": 3,
+    "given": GREY,
     "start": 4,
     "similarity": 4,
 }

@@ -14,7 +14,8 @@ GROUP = "o3dls.report_sections"
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands under it; `anchor` is its name in links and must be unique in the page.
+    """A section is a heading with what stands under it; `anchor` is its name in links and must be unique in
+    the page.
 
     The page's policy runs no scripts but those of o3dls and has no `style` attributes: draw in SVG with its
     own attributes, and use the classes of report.css.

@@ -21,9 +21,9 @@ from ..geometry.surface import Surface
 from ..runs.run import Run
 from .palette import places
 from .surfaces.display import displayed
+from .surfaces.given import found_poses
 
 MOST_SHOWN = 4
-BASELINE = "icp"  # results are compared with the estimates whose name begins so
 HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # a run's headline is the first that it has
 SETS = {
     "held_out": "held out",
@@ -41,10 +41,7 @@ SETS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One estimate as the report shows it.
-
-    Its run, its name there, its own unique name, and what run.json says of it.
-    """
+    """A result is one estimate as the report shows it: run, name there, its own name, what run.json says."""
 
     name: str
     key: str
@@ -106,7 +103,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Results in order, names of the ones to show side by side, and the case, which all runs share."""
+    """A subject has results in order, the names to show side by side, and the case that all runs share."""
 
     results: Mapping[str, Result]
     shown: Sequence[str]
@@ -128,14 +125,15 @@ class Subject:
 
     @property
     def first(self) -> Result | None:
-        """The baseline: the best ICP (of several runs: that is shown), else the first estimate shown."""
+        """The baseline: the best pose that a stage found (and several runs show), else the first shown."""
         others = [self.results[name] for name in self.shown[:-1]]
         among = self.results.values() if len(self.runs) == 1 else others
-        found = [one for one in among if one.key.startswith(BASELINE) and one is not self.last]
+        found = [one for one in among if one.key in found_poses(one.run) and one is not self.last]
         return min(reversed(found), key=self._headline_mean, default=next(iter(others), None))
 
     def _headline_mean(self, result: Result) -> float:
-        return float(result.scores.get(self.headline or "", {}).get(f"mean_{self.unit}", np.inf))
+        mean = result.scores.get(self.headline or "", {}).get(f"mean_{self.unit}", np.inf)
+        return round(float(mean), 2)  # as it is written: digits that nobody sees pick no baseline
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:

@@ -17,13 +17,14 @@ from .expected import expected_error
 from .markup import Child, Html, millimetres, signed, table, tag
 from .subject import SETS, Subject
 
+OUTLINE = "outline"
 MAPPED, PRIOR_ONLY = "mapped wall", "no points here: shape from the image alone"
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the wall: its expected error, the mean error `found` at `n` points that were not fitted,
-    and the difference from the baseline there; None where it is not known.
+    """A part is one of the wall's: its expected error, the mean error `found` at `n` points that were not
+    fitted, and the difference from the baseline there; None where it is not known.
     """
 
     name: str
@@ -49,6 +50,14 @@ def wall_parts(subject: Subject) -> list[Part]:
         _measure_part(MAPPED, expected.mapped if expected else None, positions, gaps, before, ~far),
         _measure_part(PRIOR_ONLY, expected.prior_only if expected else None, positions, gaps, before, far),
     ]
+
+
+def compared_parts(subject: Subject) -> list[Part]:
+    """Return the parts on which the last estimate is compared with the baseline: in 2D the whole outline."""
+    if subject.case.dimension == 3:
+        return wall_parts(subject)
+    positions, gaps, before = _unfitted_distances(subject)
+    return [_measure_part(OUTLINE, None, positions, gaps, before, np.ones(len(gaps), dtype=bool))]
 
 
 def _measure_part(

@@ -25,13 +25,16 @@ from .subject import Subject, read_subject
 SIZE = (1200, 900)
 PLAIN_COLOUR = (0.75, 0.75, 0.77)
 EDGES = {"prior": ("grey", LIGHT[GREY]), "truth": ("black", INK)}  # in the colours of the report
+LINE = 0.13  # radii: a label may be longer than its bar, so that the next one stands a line below it
 F1 = 290  # the key's code; for letters and digits it is that of the character
 log = logging.getLogger("o3dls")
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What the window shows: an estimate, a field (None: plain) and what stands around the surface."""
+    """A choice says what the window shows: an estimate, a field (None: plain) and what stands around the
+    surface.
+    """
 
     estimate: int
     field: int | None = 0
@@ -43,7 +46,9 @@ class Choice:
 
 
 class Stand:
-    """The run as geometry for Open3D, in the colours and scales of its report; knows no window."""
+    """This gives the run as geometry for Open3D, in the colours and scales of its report; it knows no
+    window.
+    """
 
     def __init__(self, subject: Subject) -> None:
         self.subject = replace(subject, shown=list(subject.results))
@@ -144,10 +149,10 @@ class Stand:
         said = [page.text(named, (-1.0, 1.3)), page.text(edged, (-1.0, 1.16))]
         bars = [(self.fields[choice.field], -1.0)] if choice.field is not None and self.fields else []
         bars += [(self.gaps, 0.1)] if choice.points else []
-        for field, left in bars:
-            words = (" to ".join(ends(field)), field.label)
-            said += [page.text(line, (left, low)) for line, low in zip(words, (-1.42, -1.55), strict=True)]
-        found = [mesh(*page.bar(field, left, left + 0.8, -1.3)) for field, left in bars]
+        for row, (field, left) in enumerate(bars):
+            words = ((" to ".join(ends(field)), -1.42), (field.label, -1.55 - LINE * row))
+            said += [page.text(line, (left, low)) for line, low in words]
+        found = [mesh(*page.bar(field, left, left + 0.8, -1.3), lit=False) for field, left in bars]
         marks = self.subject.case.points.of("landmark")
         if choice.landmarks and len(marks):
             found.append(balls(marks.xyz, np.tile(rgb(INK), (len(marks), 1))))

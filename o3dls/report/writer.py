@@ -46,8 +46,9 @@ class Report(Writer):
 
     def __call__(self, run: Run, folder: Path) -> None:
         from .subject import read_subject
+        from .surfaces.given import with_given
 
-        _write_page(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
+        _write_page(read_subject([folder], self.compare, [with_given(run)]), folder / REPORT, pdf=self.pdf)
 
 
 def write_report(
@@ -65,9 +66,12 @@ def write_report(
     in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
     page.
     """
+    from ..runs.folder import read_run
     from .subject import read_subject
+    from .surfaces.given import with_given
 
-    subject = read_subject([Path(folder) for folder in folders], compare)
+    paths = [Path(folder) for folder in folders]
+    subject = read_subject(paths, compare, [with_given(read_run(path)) for path in paths])
     return _write_page(subject, _check_page_path(out or subject.folders[0] / REPORT), pdf=pdf)
 
 

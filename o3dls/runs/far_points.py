@@ -25,7 +25,9 @@ log = logging.getLogger("o3dls")
 
 @dataclass(frozen=True, eq=False)
 class FarPoints:
-    """A set of places that were not fitted, by name, and how far they lie from a surface (n,), in mm."""
+    """These places were not fitted: the name of their set, and how far they lie from a surface (n,), in
+    mm.
+    """
 
     name: str
     distances: Array

@@ -14,7 +14,7 @@ log = logging.getLogger("o3dls")
 
 
 class _Lines(logging.Handler):
-    """Keeps the log's lines, from a level on, in a list."""
+    """This handler keeps the log's lines, from a level on, in a list."""
 
     def __init__(self, level: int) -> None:
         super().__init__(level)

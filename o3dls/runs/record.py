@@ -29,9 +29,9 @@ WANTED = {  # by the type of pydantic's error
 
 
 class _Part(BaseModel):
-    """A table of the record: values must be of the kind as written, further keys are let be, and fields keep
-    the order of the file. Its checks are built when a record is first read or written, since most commands do
-    neither.
+    """A part is a table of the record: values must be of the kind as written, further keys are let be, and
+    fields keep the order of the file. Its checks are built when a record is first read or written, since most
+    commands do neither.
     """
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True, allow_inf_nan=False, defer_build=True)
@@ -72,7 +72,7 @@ class _Direction(_Part):
 
 
 class _Facts(_Part):
-    """Those facts of the stages that others read."""
+    """These are the facts of the stages that other parts of o3dls read."""
 
     changes: list[str] = []
     observability: list[_Direction] | None = None
@@ -80,8 +80,8 @@ class _Facts(_Part):
 
 
 class _Scores(_Part):
-    """The scores by set of points, with the measures that each set has; the truth alone has other measures
-    than distances.
+    """Scores are given by set of points, with the measures that each set has; the truth alone has other
+    measures than distances.
     """
 
     __pydantic_extra__: dict[str, dict[str, Amount]] = Field(init=False)
@@ -98,7 +98,7 @@ class _Validity(_Part):
 
 
 class CaseRecord(_Part):
-    """The case, with the number of its points by type and the hashes of its files."""
+    """The record of a case has the number of its points by type and the hashes of its files."""
 
     name: str
     units: Literal["mm", "px"]
@@ -110,7 +110,7 @@ class CaseRecord(_Part):
 
 
 class WarningRecord(_Part):
-    """A `RunWarning`; its code may be one of a later version."""
+    """This records a `RunWarning`; its code may be one of a later version."""
 
     code: str
     stage: str
@@ -118,7 +118,9 @@ class WarningRecord(_Part):
 
 
 class EstimateRecord(_Part):
-    """An estimate with its scores by set and its validity; the unit of its sigma is the case's."""
+    """This records an estimate with its scores by set and its validity; the unit of its sigma is the
+    case's.
+    """
 
     status: str
     converged: bool
@@ -135,8 +137,8 @@ class EstimateRecord(_Part):
 
 
 class Provenance(_Part):
-    """Everything that it takes to make the run again; the pipeline is as its file would say it, with every
-    default.
+    """The provenance is everything that it takes to make the run again; the pipeline is as its file would say
+    it, with every default.
     """
 
     schema_: str = Field(alias="schema")
@@ -156,7 +158,7 @@ class Provenance(_Part):
 
 
 class RunRecord(Provenance):
-    """The whole content of run.json."""
+    """This is the whole content of run.json."""
 
     final: str
     valid: bool

@@ -26,7 +26,7 @@ Record = dict[str, Any]
 
 
 class Addition(Protocol):
-    """A callable that adds files to the folder of a run, such as a `Writer` of a pipeline."""
+    """An addition is a callable that adds files to the folder of a run, such as a `Writer` of a pipeline."""
 
     name: ClassVar[str]
 
@@ -35,7 +35,7 @@ class Addition(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Estimates by name (`start` first), their scores by set and their validity.
+    """A run has estimates by name (`start` first), their scores by set and their validity.
 
     points: the case's points with a column `distance_<estimate>_mm` for each estimate, and
     `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. fitted: by
@@ -108,11 +108,17 @@ class Run:
             raise InputError(
                 'the run has no folder to go to: give one to write(), or say out = "folder" in the pipeline'
             )
-        with staged_folder(out, force) as staged:
-            self._write_into(staged)
+        self.written(out, force=force)
         return Path(out)
 
-    def _write_into(self, folder: Path) -> None:
+    def written(self, out: str | Path, *, force: bool = False) -> Run:
+        """Write the run folder as `write` does, and return the run whose surfaces have the fields of their
+        files. Raises InputError where the folder exists.
+        """
+        with staged_folder(out, force) as staged:
+            return self._write_into(staged)
+
+    def _write_into(self, folder: Path) -> Run:
         write_case_files(folder / "case", self.case)
         write_points(folder / "points.csv", self.points)
         if self.held_out:
@@ -122,11 +128,13 @@ class Run:
             name: write_estimate(folder / "estimates" / name, self.case, one, self.fitted.get(name, ()))
             for name, one in self.estimates.items()
         }
+        run = replace(self, estimates=written)
         write_file(folder / "run.json", record(self).text())
         for addition in self.additions:
             log.info("writing %s", addition.name)
-            addition(replace(self, estimates=written), folder)
+            addition(run, folder)
         write_manifest(folder)
+        return run
 
 
 def record(run: Run) -> RunRecord:

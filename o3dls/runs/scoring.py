@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
 from ..case import Case, Points
 from ..estimate import Estimate
 from ..evaluation.distances import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
+from ..evaluation.left_out import LeftOut
 from ..evaluation.validity import validity
 from ..geometry.surface import Surface
 from .record import SCHEMA, CaseRecord, Provenance, plain
@@ -30,13 +30,13 @@ def scored(
     estimates: Mapping[str, Estimate],
     *,
     fitted: Mapping[str, tuple[str, ...]],
-    left_out: Mapping[str, Array],
+    left_out: Mapping[str, LeftOut],
     pipeline: Record,
 ) -> Run:
     """Score the estimates by name and judge their surfaces: their run.
 
-    fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
-    of the eam points; pipeline: its record, with every default written out.
+    fitted: by estimate, the types of the points that it was shown; left_out: by estimate, how the eam points
+    lie to what was fitted without them; pipeline: its record, with every default written out.
     """
     estimates = _share_surfaces(estimates)
     surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
@@ -78,16 +78,18 @@ def _same_surface(a: Surface, b: Surface) -> bool:
 
 
 def _score_sets(
-    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None
+    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: LeftOut | None
 ) -> dict[str, Record]:
-    sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})
+    sets = measure(case, estimate, fitted) | (
+        {} if left_out is None else {"cross_validated": left_out.distance}
+    )
     scores: dict[str, Record] = {name: summary(values, case.units) for name, values in sets.items()}
     if case.truth is not None and case.truth.surface is not None:
         scores["truth"] = truth_scores(sets, estimate.surface, case.truth.surface, case.units)
     return scores
 
 
-def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
+def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, LeftOut]) -> Points:
     """Return the case's points with their distance to every estimate; a landmark's is that to its moved
     partner.
     """
@@ -100,9 +102,11 @@ def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Map
         gap[paired] = landmark_errors(case, estimate)
         columns[f"distance_{name}_{case.units}"] = gap
         if name in left_out:
-            column = np.full(len(case.points), np.nan)
-            column[eam] = left_out[name]
-            columns[f"left_out_{name}_{case.units}"] = column
+            whole = LeftOut.unknown(len(case.points))
+            whole.fill(eam, left_out[name])
+            columns[f"left_out_{name}_{case.units}"] = whole.distance
+            if np.isfinite(whole.deviation).any():
+                columns[f"left_out_sd_{name}_{case.units}"] = whole.deviation
     return replace(case.points, columns=columns)
 
 

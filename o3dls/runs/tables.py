@@ -24,7 +24,9 @@ SCREEN = {  # heading: set, key without its unit
 
 @dataclass(frozen=True)
 class ScoreLine:
-    """One line of a table on the screen: an estimate's scores by set, in a unit, and whether it is valid."""
+    """This is one line of a table on the screen: an estimate's scores by set, in a unit, and whether it is
+    valid.
+    """
 
     label: str
     scores: Scores

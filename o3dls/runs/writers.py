@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class Writer(Plugin):
-    """Makes files of a finished run inside its folder; the run's surfaces have the fields of their files."""
+    """A writer makes files of a finished run inside its folder; the run's surfaces have the fields of their
+    files.
+    """
 
     @property
     def refers_to(self) -> tuple[str, ...]:
@@ -25,11 +27,6 @@ class Writer(Plugin):
         other's. `final`: the last estimate.
         """
         return (self.name, *map(str, self.record().values()))
-
-    def prepare(self) -> None:
-        """Import what writing takes. A pipeline calls this on a thread while its stages run, so that a run
-        does not wait for imports at its end.
-        """
 
     @abstractmethod
     def __call__(self, run: Run, folder: Path) -> None: ...

@@ -30,7 +30,7 @@ from .deform_data import differences, observed
 from .deform_parameters import DeformParameters
 
 if TYPE_CHECKING:
-    from ..motion.observations import Data
+    from ..motion.field.observations import Data
     from ..motion.result import MotionFit
     from ..noise.shifted_part import MapShift
 

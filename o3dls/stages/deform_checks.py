@@ -15,7 +15,7 @@ from ..run_warning import RunWarning
 
 if TYPE_CHECKING:
     from ..arrays import Array
-    from ..motion.observations import Data
+    from ..motion.field.observations import Data
     from ..motion.problem import MotionProblem
     from ..motion.result import MotionFit
     from ..noise.shifted_part import MapShift

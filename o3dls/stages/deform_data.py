@@ -12,7 +12,7 @@ from ..geometry.similarity import rms_radius
 from .deform_parameters import DeformParameters
 
 if TYPE_CHECKING:
-    from ..motion.observations import Data
+    from ..motion.field.observations import Data
 
 NEVER = 1e-250  # odds of being an outlier that no residual outweighs, and whose logarithm is still a number
 
@@ -24,7 +24,7 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
     `before`, the points of an earlier fit, fix what the points' own noise is relative to, and the distance
     within which points share one place.
     """
-    from ..motion.observations import Data
+    from ..motion.field.observations import Data
     from ..noise.duplicates import distinct_places, duplicate_distance
 
     every = case.points.of(*stage.fits)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class DeformParameters(Stage):
-    """What a user can choose of the motion."""
+    """These parameters are what a user can choose of the motion."""
 
     vector: tuple[float, ...] = Field(
         default=(1.15, 0.46),

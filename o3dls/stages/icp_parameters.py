@@ -62,7 +62,7 @@ def unit(name: str) -> dict[str, Any]:
 
 
 class ICPParameters(Stage):
-    """What a user can choose of the variants."""
+    """These parameters are what a user can choose of the variants of ICP."""
 
     preset: Literal["standard", "modified", "robust"] = Field(
         default="robust", description="values of the parameters that are not given"

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GivenPoints:
-    """Points that may touch the wall, and how probabilities of contact (n,) of these become those of the
-    mapping points.
+    """These points may touch the wall, and `of_mapping` turns their probabilities of contact (n,) into those
+    of the mapping points.
     """
 
     believed: Believed

@@ -16,10 +16,10 @@ from ..levelset.grid.regularised import regularised
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, less the
-    price (nats) of what is rare beforehand, how many points are `witnesses`, and the `centre` (d,) to look
-    at, in the map frame. The price is `rarity`, and `gathers` for each point of a map: new wall should have
-    its share of them.
+    """A change is proposed with the closed surface of the region that it removes or adds, log evidence
+    `gain`, less the price (nats) of what is rare beforehand, how many points are `witnesses`, and the
+    `centre` (d,) to look at, in the map frame. The price is `rarity`, and `gathers` for each point of a map:
+    new wall should have its share of them.
     """
 
     removes: bool

@@ -41,8 +41,8 @@ def _are_deep(measured: Measured, settings: CutSettings) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A thin part `core` (n,), one of all that are `thin` (n,): `outside` (n,) is the distance of the lattice
-    nodes from the body opened by a ball.
+    """A thin part has a `core` (n,), one of all that are `thin` (n,): `outside` (n,) is the distance of the
+    lattice nodes from the body opened by a ball.
     """
 
     field: SignedDistance

@@ -20,7 +20,9 @@ from .wall import Wall
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What is known of the noise beforehand: `sigma` (None: nothing), and the fraction of outliers."""
+    """This is what is known of the noise beforehand: `sigma` (None: nothing), and the fraction of
+    outliers.
+    """
 
     sigma: float | None
     outlier_fraction: float
@@ -28,8 +30,8 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, and the bias (n,) of a curved
-    wall, which noise adds to the distance.
+    """These points (n, d) are seen from a wall at signed distance (n,): their likelihood, and the bias (n,)
+    of a curved wall, which noise adds to the distance.
     """
 
     points: Array

@@ -19,8 +19,8 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
+from ..motion.field.observations import Data
 from ..motion.fit import TrialFit, fit_motion
-from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
 from ..parallel import both, each
@@ -55,7 +55,7 @@ def change_topology(
 
 @dataclass(frozen=True)
 class TopologySearch:
-    """Proposals for one prior, and what each is worth."""
+    """A search makes proposals for one prior, and says what each is worth."""
 
     spacing: float
     settings: TopologySettings

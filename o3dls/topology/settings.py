@@ -10,7 +10,7 @@ from ..settings import number
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """How points are seen from a wall."""
+    """These settings say how points are seen from a wall."""
 
     least_outliers: float = number(
         0.02, "1", "smallest outlier fraction that is believed, except for 0, where all points touch"
@@ -32,7 +32,7 @@ class ObservationSettings:
 
 @dataclass(frozen=True)
 class CutSettings:
-    """Which thin parts of the prior may be cut off."""
+    """These settings say which thin parts of the prior may be cut off."""
 
     lattice: float = number(
         6.0, "nodes / radius", "nodes per radius of the lattice on which thin parts are looked for"
@@ -58,7 +58,7 @@ class CutSettings:
 
 @dataclass(frozen=True)
 class TubeSettings:
-    """Which tubes may be grown: veins and handles that the prior lacks."""
+    """These settings say which tubes may be grown: veins and handles that the prior lacks."""
 
     far: float = number(
         2.0, "noise levels", "distance outside the surface from which a point asks for a tube"
@@ -111,7 +111,7 @@ class TubeSettings:
 
 @dataclass(frozen=True)
 class TopologySettings:
-    """All numbers of changes of topology."""
+    """These are all numbers of changes of topology."""
 
     evidence: float = number(
         5.0, "nats", "evidence that a change of topology must have: a rare thing needs good reasons"

@@ -43,7 +43,7 @@ def losses_with(points, tube, distance, bias, sigma, one_sided, fraction, outsid
 
 
 class Foot:
-    """How high one place after another lies over a wall: each as a rule near the last."""
+    """This gives how high one place after another lies over a wall: each as a rule near the last."""
 
     def __init__(self, wall: Wall) -> None:
         tree = wall.tree

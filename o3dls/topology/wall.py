@@ -13,7 +13,9 @@ from .settings import ObservationSettings
 
 
 class Wall:
-    """A surface with normals and curvature at its vertices, and exact feet and signed distances of points."""
+    """A wall is a surface with normals and curvature at its vertices, and exact feet and signed distances of
+    points.
+    """
 
     def __init__(self, surface: Surface, settings: ObservationSettings | None = None) -> None:
         most = (settings or ObservationSettings()).most_curvature

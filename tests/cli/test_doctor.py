@@ -164,7 +164,7 @@ def test_a_run_says_in_the_first_second_what_cannot_be_imported(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    """As after a plain `pip install` on a machine without a screen: nothing is read and nothing is written."""
+    """As after a plain `pip install` on a machine without a screen: nothing is read or written."""
     monkeypatch.chdir(tmp_path)
 
     def refuse(name: str) -> None:

@@ -14,10 +14,11 @@ from tiny import ball_case
 
 from o3dls.cli.doctor import Check
 from o3dls.cli.main import answer
-from o3dls.cli.progress import Bar
+from o3dls.cli.progress import Bar, RunBar
 from o3dls.cli.progress import bar as progress_bar
 from o3dls.cli.terminal import Lines
 from o3dls.io.case_writer import write_case
+from o3dls.pipeline.file import read_pipeline
 from o3dls.pipeline.outcome import Outcome
 
 ICP = 'folds = 2\n[[stage]]\nuse = "icp"\n'
@@ -144,3 +145,36 @@ def test_the_bar_is_for_terminals_whose_user_wants_to_hear_of_progress(
     with progress_bar(2):
         log.warning("a line")
     assert "2 left\r\x1b[Ka line\n" in capsys.readouterr().err
+
+
+def test_the_bar_of_a_run_counts_the_steps_that_its_log_tells(folder: Path) -> None:
+    """Two folds and one stage, as a real run tells them."""
+    plan = read_pipeline(folder / "pipe.toml")
+    shown = RunBar(len(plan.stages) + plan.folds + len(plan.writes))
+    log = logging.getLogger("o3dls")
+    level = log.level
+    log.setLevel(logging.INFO)
+    log.addHandler(shown)
+    try:
+        plan.run(ball_case())
+    finally:
+        log.removeHandler(shown)
+        log.setLevel(level)
+    assert shown.text(70.0) == "[########################] 3 of 3 steps, 70 s"
+    assert RunBar(4).text(0.0) == "[........................] 0 of 4 steps, 0 s"
+
+
+def test_the_case_is_looked_at_before_anything_else_is_asked_for(folder: Path) -> None:
+    done = o3dls(folder, "run", "--case", "missing")
+    assert done.returncode == 2
+    assert "missing" in done.stderr
+    assert "--out" not in done.stderr
+
+
+def test_a_run_without_a_folder_goes_into_one_named_as_its_case(folder: Path) -> None:
+    done = o3dls(folder, "run", "pipe.toml", "--case", "ball", "-q")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "runs/ball"
+    again = o3dls(folder, "run", "pipe.toml", "--case", "ball", "-q")
+    assert again.returncode == 2
+    assert "runs/ball: exists already" in again.stderr

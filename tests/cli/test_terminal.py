@@ -11,12 +11,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from tiny import Nudge, ball_case
 
+from o3dls.cli.commands import TASKS, cli
 from o3dls.cli.main import answer
+from o3dls.cli.summary import Summary
 from o3dls.errors import SolverError
 from o3dls.io.case_writer import write_case
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report.grading.check import Check
 from o3dls.runs.log import log_of_failure
 from tests.io.test_io_study import carto_folder
 
@@ -157,3 +161,38 @@ def test_memory_that_is_not_there_is_no_mistake_of_ours(
     monkeypatch.setattr("o3dls.pipeline.file.all_mistakes", hungry)
     assert answer(["check", str(tmp_path)]) == 2
     assert capfd.readouterr().err.startswith("o3dls: there is too little memory")
+
+
+def test_the_help_groups_all_commands_and_cuts_no_sentence() -> None:
+    grouped = [name for names in TASKS.values() for name in names]
+    assert sorted(grouped) == sorted(cli.commands)
+    said = CliRunner().invoke(cli, ["--help"], terminal_width=80).output
+    assert max(map(len, said.splitlines())) <= 80
+    words = " ".join(said.split())
+    for task, names in TASKS.items():
+        assert f"{task}:" in said
+        for name in names:
+            sentence = cli.commands[name].get_short_help_str(limit=4000)
+            assert f"{name} {' '.join(sentence.split())}" in words
+
+
+def test_a_run_ends_in_lines_that_are_wrapped_with_grades_in_colour(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    reason = Check(
+        "Far points", "bad", "half of the held-out points lie more than 20 mm from the surface " * 2
+    )
+    found = Summary(Path("a/run"), "icp", "bad", (reason, Check("Size", "amber", "x 1.20")), (), None)
+    found.say()
+    plain = capsys.readouterr().out
+    assert plain == f"{found}\n"  # whole lines where no terminal is
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    found.say()
+    seen = capsys.readouterr().out
+    bare = re.sub("\x1b\\[[0-9]*m", "", seen)
+    assert max(map(len, bare.splitlines())) <= 60
+    assert bare.split() == plain.split()
+    assert "\x1b[31mFAIL  icp" in seen
+    assert "\x1b[33m  CHECK  Size" in seen

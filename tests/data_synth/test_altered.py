@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.make_cases import KINDS
+from benchmarks.cases import KINDS
 from data_synth import Mapping, atrium, family, pose, wall
 from data_synth.altered import ALTERATIONS, LOST, MISMARKED, altered
 from data_synth.atrium import anatomy

@@ -220,3 +220,20 @@ def test_ten_thousand_vertices_take_about_a_second() -> None:
 
 def test_numbers_of_the_advice_are_those_of_the_documents() -> None:
     assert (next_places.LEAST_GAIN, next_places.APART) == (0.02, 0.2)
+
+
+def test_a_part_without_a_point_is_proposed_though_it_changes_the_mean_little() -> None:
+    case, estimate = mapped(24, 160)
+    every = suggest(case, estimate, 9)
+    assert every.ended
+    surface = estimate.surface
+    near = np.linalg.norm(surface.vertices[:, None] - case.points.xyz[None], axis=2).min(axis=1)
+    chosen = np.array([one.xyz for one in every.places]).reshape(-1, 3)
+    taken = np.linalg.norm(surface.vertices[:, None] - chosen[None], axis=2).min(axis=1, initial=np.inf)
+    rest = np.where(taken > 12.0, near, 0.0)
+    part = np.linalg.norm(surface.vertices - surface.vertices[rest.argmax()], axis=1) < 5.0
+    found = suggest(case, estimate, 9, unvisited=[part])
+    assert [one.xyz.tolist() for one in found.places[:-1]] == chosen.tolist()
+    assert part[found.places[-1].vertex]
+    without = suggest(case, estimate, 9, unvisited=[part], reachable=~part)
+    assert len(without.places) == len(every.places)

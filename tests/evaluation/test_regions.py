@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from o3dls.arrays import Array
-from o3dls.evaluation.regions import REGIONS, regions, word
+from o3dls.evaluation.regions import REGIONS, regions, unvisited, valve_of, word
 from o3dls.geometry.similarity import apply, similarity
-from tests.chamber import APPENDAGE, chamber, tips
+from o3dls.geometry.surface import Surface
+from tests.chamber import APPENDAGE, VEINS, chamber, tips
 from tests.tiny import sphere
 
 AXES = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, 1]])  # of LPS: left, front, up
@@ -83,3 +84,53 @@ def test_regions_have_words() -> None:
         "appendage",
         "mitral annulus",
     ]
+
+
+def test_a_bent_vein_is_one_part_wherever_its_landmark_is() -> None:
+    """The landmark at the tip or at the ostium; the cone of it alone reaches neither other end."""
+    surface, axis = bent_vein()
+    tip = surface.vertices[int(surface.vertices[:, 2].argmax())]
+    others = {"LIPV": np.array([60.0, 30, -40]), "RIPV": np.array([-60.0, 30, -40])}
+    for at in (tip, axis):
+        found = np.array(names(regions(surface, AXES, others | {"RSPV": at})))
+        vein = (surface.vertices[:, 2] > 12.0) & (surface.vertices[:, 0] < -26.0)
+        assert vein.sum() > 30
+        assert set(found[vein]) == {"RSPV"}
+        assert (found == "RSPV").mean() < 0.5
+
+
+def test_a_tube_that_no_landmark_names_is_no_side_of_the_chamber() -> None:
+    surface, _ = bent_vein()
+    marks = {"LIPV": np.array([60.0, 30, -40]), "RIPV": np.array([-60.0, 30, -40])}
+    found = np.array(names(regions(surface, AXES, marks)))
+    assert found[int(surface.vertices[:, 2].argmax())] == "tube"
+    assert set(found) == {*REGIONS[:6], "tube"}
+
+
+def test_the_valve_is_where_its_landmark_is_and_no_vein_is_taken_for_it() -> None:
+    surface = chamber()
+    at = np.array([0.0, -18.0, 0.0])
+    valve = valve_of(surface, {"mitral valve": at})
+    assert valve.any()
+    assert np.linalg.norm(surface.vertices[valve] - at, axis=1).max() < 20.0
+    assert not valve_of(surface, {"LSPV": at}).any()
+
+
+def test_a_vein_without_a_point_is_unvisited() -> None:
+    surface, marks = chamber(), tips(chamber())
+    seen = surface.vertices[(surface.vertices @ np.array(VEINS["LSPV"])) < 10.0]
+    parts = unvisited(surface, marks, seen)
+    at = int(np.linalg.norm(surface.vertices - marks["LSPV"], axis=1).argmin())
+    assert [bool(part[at]) for part in parts] == [True]
+    assert unvisited(surface, marks, surface.vertices) == []
+
+
+def bent_vein() -> tuple[Surface, Array]:
+    """A ball with a long tube that leaves it to the right and turns upwards, and where the tube begins."""
+    ball = sphere(20.0, 60)
+    x, y, z = ball.vertices.T
+    way = np.clip((-x - 18.0) / 2.0, 0.0, 1.0) * (np.hypot(y, z) < 9.0)
+    along = 30.0 * way**2
+    return ball.with_vertices(
+        np.column_stack([x - np.minimum(along, 15.0), y, z + np.maximum(along - 10.0, 0.0)])
+    ), np.array([-22.0, 0, 0])

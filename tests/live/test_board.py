@@ -54,7 +54,7 @@ def test_who_comes_late_gets_the_newest_scene_surface_points_and_state() -> None
         board.publish(event)
     for event in (
         {"event": "weights", "ids": [1, 2], "weights": [0.9, 0.1], "distances": [0.5, 4.0]},
-        point(2, type="undone"),
+        point(2, undone=True),
         {"event": "state", "points": 1},
         {"event": "state", "points": 2},
     ):

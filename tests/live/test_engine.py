@@ -4,6 +4,8 @@ no point waits for a full fit.
 
 from __future__ import annotations
 
+import logging
+import re
 from queue import SimpleQueue
 from time import monotonic
 from typing import Any
@@ -16,6 +18,7 @@ from o3dls.case import Case
 from o3dls.io.case_reader import read_case
 from o3dls.live.background import HELD
 from o3dls.live.engine import Engine
+from o3dls.live.finish import telling
 from o3dls.live.fitting import FullFit, current, full_fit
 from o3dls.live.messages import Message, action
 from o3dls.live.session import Session, actions_of, empty
@@ -280,3 +283,54 @@ def test_a_fit_makes_way_for_a_point_and_then_goes_on(case: Case, actions: list[
     while driven.background.held_until is not None and monotonic() < begin + 60.0:
         driven.engine.step()  # sleeps until it is due
     assert driven.background.held_until is None
+
+
+def test_a_landmark_that_the_others_contradict_is_named(case: Case, actions: list[Message]) -> None:
+    """Before any fit: landmarks alone say so."""
+    assert not [one for one in Driven(case, actions[:8]).of("state")[-1]["warnings"] if "LIPV" in one["text"]]
+    at = next(one for one in actions if one["do"] == "landmark" and one["name"] == "LIPV")["xyz"]
+    wrong = {"do": "landmark", "name": "LIPV", "xyz": [at[0] + 20.0, at[1], at[2] + 25.0]}
+    driven = Driven(case, [*actions[:8], wrong])
+    found = [one for one in driven.of("state")[-1]["warnings"] if one["code"] == "landmark-far"]
+    assert found[0]["text"].startswith("LIPV lies ")
+
+
+def test_a_fit_can_be_asked_for(case: Case, actions: list[Message]) -> None:
+    driven = Driven(case, actions[: 8 + FEW])
+    driven.fit()
+    driven.do(actions[8 + FEW])
+    assert driven.of("state")[-1]["behind"] == 1
+    assert not driven.background.running
+    driven.do({"do": "fit"})
+    assert driven.background.running
+    driven.fit()
+    assert driven.of("state")[-1]["behind"] == 0
+    assert not driven.background.running
+
+
+def test_a_landmark_on_the_prior_stands_in_the_picture_at_once(case: Case, actions: list[Message]) -> None:
+    driven = Driven(case, actions[: 8 + FEW])
+    driven.fit()
+    at = case.prior.vertices[10].tolist()
+    driven.do({"do": "prior_landmark", "name": "LAA", "xyz": at})
+    (mark,) = [one for one in driven.of("surface")[-1]["landmarks"] if one["name"] == "LAA"]
+    gap = np.linalg.norm(driven.vertices - mark["at"], axis=1).argmin()
+    assert gap == 10
+
+
+def test_places_to_touch_next_have_names(begun: tuple[Session, FullFit]) -> None:
+    now = current(begun[1], begun[0])
+    advised = Advisor(begun[0].prior.prior)(now.case, now.estimate)
+    assert all(re.search(r"\d mm from [LR][SI]PV$", one["where"]) for one in advised["next"])
+
+
+def test_the_end_of_a_session_tells_how_far_it_is() -> None:
+    told: list[str] = []
+    log = logging.getLogger("o3dls")
+    level = log.level
+    log.setLevel(logging.INFO)
+    with telling(told.append):
+        log.info("%s: converged", "icp")
+    log.info("later")
+    log.setLevel(level)
+    assert told == ["begun", "icp: converged"]

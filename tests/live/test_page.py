@@ -15,7 +15,9 @@ from o3dls.arrays import Array
 from o3dls.errors import InputError
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.io.case_reader import read_case
+from o3dls.live.messages import action
 from o3dls.live.server import LiveServer
+from o3dls.live.session import Session, empty
 from tests.browser import Visit, violations
 from tests.live.scripted import FIRST, Script, script, state
 from tests.viewer import FIXTURES
@@ -220,9 +222,42 @@ def test_points_are_taken_retyped_labelled_and_taken_back(visit: Visit, session:
         {"do": "label", "point": 7, "values": {"bipolar": 0.25}},
         {"do": "undo", "point": 7},
     ]
-    session.server.publish({**session.script.points[6], "type": "undone"})
+    session.server.publish({**session.script.points[6], "undone": True})
     says(visit, "#chosen-now", "There is no such point.")
     assert visit.page.get_by_role("button", name="Take back").is_disabled()
+
+
+def test_what_a_session_takes_back_is_gone_from_open_and_new_pages(
+    visit: Visit, browser: Any, session: Played
+) -> None:
+    """The event is the one that a session makes of an undone point."""
+    made = Session(empty(read_case(Path(o3dls.__file__).parent / "demo_case")))
+    for one in _takes(session.script):
+        made.apply(action(one))
+    last = made.apply({"do": "undo"})
+    assert last == FIRST
+    session.server.publish({"event": "point", **made.points[last].record()})
+    wanted = f"() => document.documentElement.dataset.points === '{FIRST - 1}'"
+    visit.page.wait_for_function(wanted, timeout=PATIENCE)
+    later = Visit(browser, session.server.url)
+    later.page.wait_for_function(wanted, timeout=PATIENCE)
+    later.page.close()
+
+
+def _takes(played: Script) -> list[dict[str, Any]]:
+    return [{"do": "take", "xyz": one["xyz"]} for one in played.points[:FIRST]]
+
+
+def test_an_old_fit_is_said_and_can_be_made_again(visit: Visit, session: Played) -> None:
+    says(visit, "#connection", "what is shown is now")
+    session.server.publish(state(FIRST + 3, behind=3))
+    says(visit, "#connection", "its last full fit is 3 points old")
+    says(visit, "#fit-now", "the last knew 3 points less")
+    press(visit, "Fit again")
+    says(visit, "#answer", "A full fit begins")
+    assert session.done == [{"do": "fit"}]
+    session.server.publish({"event": "progress", "text": "deform: fold 2 of 5"})
+    says(visit, "#ended", "deform: fold 2 of 5")
 
 
 def test_the_tip_is_drawn_and_without_one_no_point_can_be_taken(visit: Visit, session: Played) -> None:
@@ -243,7 +278,7 @@ def test_a_point_is_picked_in_the_picture(visit: Visit, session: Played) -> None
     middle = {"id": 99, "xyz": session.script.scene["scene"]["centre"], "type": "inside", "values": {}}
     visit.page.get_by_label("Translucent").fill("0.9")
     for other in session.script.points[:FIRST]:
-        session.server.publish({**other, "type": "undone"})
+        session.server.publish({**other, "undone": True})
     session.server.publish({"event": "point", **middle})
     visit.page.wait_for_function("() => document.documentElement.dataset.points === '1'", timeout=PATIENCE)
     visit.settle()

@@ -13,8 +13,8 @@ from o3dls.geometry.differential import vertex_normals
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface, outline
 from o3dls.motion.correspondence import likely_feet
-from o3dls.motion.covariance import Places
-from o3dls.motion.observations import Feet
+from o3dls.motion.field.covariance import Places
+from o3dls.motion.field.observations import Feet
 
 DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
 

@@ -7,15 +7,13 @@ import pytest
 from fields import SIZE, body, covariance, spots
 
 from o3dls.arrays import Array
-from o3dls.motion.covariance import (
+from o3dls.motion.field.covariance import (
     Covariance,
+    FieldPrior,
     Observed,
     Places,
-    cross,
-    displacement,
     grams,
     interpolation,
-    variance,
 )
 
 DIMENSIONS = pytest.mark.parametrize(
@@ -71,19 +69,22 @@ def by_definition(cov: Covariance, sds: Array, a: Observed, b: Observed, i: int,
 
 
 @DIMENSIONS
-def test_cross_is_the_definition_written_out(dimension: int, anchors: int) -> None:
+def test_covariance_between_observations_is_the_definition_written_out(dimension: int, anchors: int) -> None:
     cov = covariance(dimension, anchors)
     a, b = observations(dimension, 9, 71_033), observations(dimension, 6, 20_417)
     loop = [[by_definition(cov, deviations(cov), a, b, i, j) for j in range(6)] for i in range(9)]
-    np.testing.assert_allclose(cross(cov, deviations(cov), a, b), loop, rtol=ROUNDING, atol=ROUNDING)
+    np.testing.assert_allclose(
+        FieldPrior(cov, deviations(cov)).between(a, b), loop, rtol=ROUNDING, atol=ROUNDING
+    )
 
 
 @DIMENSIONS
-def test_gram_and_variance_agree_with_cross(dimension: int, anchors: int) -> None:
+def test_gram_and_variance_agree_with_the_covariance(dimension: int, anchors: int) -> None:
     cov = covariance(dimension, anchors)
     obs = observations(dimension, 40, 9_187)
     sds = deviations(cov)
-    whole = cross(cov, sds, obs, obs)
+    prior = FieldPrior(cov, sds)
+    whole = prior.between(obs, obs)
     fixed, parts = grams(cov, obs)
     np.testing.assert_allclose(
         fixed + sum(sd**2 * part for sd, part in zip(sds, parts, strict=True)),
@@ -91,23 +92,23 @@ def test_gram_and_variance_agree_with_cross(dimension: int, anchors: int) -> Non
         rtol=ROUNDING,
         atol=ROUNDING,
     )
-    np.testing.assert_allclose(variance(cov, sds, obs), np.diag(whole), rtol=ROUNDING)
+    np.testing.assert_allclose(prior.variance(obs), np.diag(whole), rtol=ROUNDING)
     assert np.linalg.eigvalsh(whole).min() > -1e-8 * np.linalg.eigvalsh(whole).max()
 
 
 @DIMENSIONS
-def test_displacement_is_cross_along_every_axis(dimension: int, anchors: int) -> None:
+def test_displacement_is_the_covariance_along_every_axis(dimension: int, anchors: int) -> None:
     cov = covariance(dimension, anchors)
     obs = observations(dimension, 30, 33_871)
-    sds = deviations(cov)
+    prior = FieldPrior(cov, deviations(cov))
     alpha = np.random.default_rng(60_289).normal(size=30)
     surface = body(dimension)
     at, normals = surface.vertices[::11], surface.vertex_normals[::11]
     places = Places(at, normals)
-    field = displacement(cov, sds, obs, alpha, places)
+    field = prior.displacement(obs, alpha, places)
     for axis in range(dimension):
         along = places.observed(np.tile(np.eye(dimension)[axis], (len(at), 1)))
-        np.testing.assert_allclose(field[:, axis], cross(cov, sds, along, obs) @ alpha, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(field[:, axis], prior.between(along, obs) @ alpha, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -120,7 +121,7 @@ def test_interpolation_from_nodes_loses_a_hundredth_of_the_field(dimension: int)
     obs = observations(dimension, 80, 14_537)
     sds = np.array([1.0, 1.0, 1e-9, 1e-9])
     alpha = np.random.default_rng(2_741).normal(size=80)
-    field = displacement(cov, sds, obs, alpha, Places(surface.vertices, surface.vertex_normals))
+    field = FieldPrior(cov, sds).displacement(obs, alpha, Places(surface.vertices, surface.vertex_normals))
     nodes = _space_points(surface.vertices, 0.27 * 0.46 * SIZE)
     weights = interpolation(surface.vertices[nodes], surface.vertices, 0.46 * SIZE, 8)
     found = weights @ field[nodes]

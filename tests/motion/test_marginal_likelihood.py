@@ -12,20 +12,11 @@ from fields import body, covariance, spots, wall
 
 from o3dls.arrays import Array
 from o3dls.errors import SolverError
-from o3dls.motion import marginal_likelihood as evidence
-from o3dls.motion.covariance import Observed, cross, grams, variance
-from o3dls.motion.marginal_likelihood import (
-    Scales,
-    assemble,
-    free_energy,
-    laplace_correction,
-    left_out,
-    posterior_variance,
-    solve,
-    tune,
-    tune_noise,
-)
-from o3dls.motion.observations import Feet, Rows, gather, points_left_out
+from o3dls.motion.field import marginal_likelihood as evidence
+from o3dls.motion.field.covariance import FieldPrior, Observed
+from o3dls.motion.field.gaussian_process import FieldPosterior, Posterior, solve
+from o3dls.motion.field.marginal_likelihood import MarginalLikelihood, Scales, free_energy, tune_noise
+from o3dls.motion.field.observations import Feet, Rows, gather, points_left_out
 from o3dls.motion.settings import IterationSettings
 
 Objective = Callable[[Array], tuple[float, Array]]
@@ -57,6 +48,14 @@ def rows_of(
     )
 
 
+def likelihood_of(rows: Rows) -> MarginalLikelihood:
+    return MarginalLikelihood.of(covariance(3), rows)
+
+
+def posterior_of(rows: Rows) -> Posterior:
+    return solve(likelihood_of(rows).covariance(LOG)[0], rows.residual)[0]
+
+
 def scales(groups: int = 1) -> Scales:
     log = np.r_[LOG[:FIELDS], np.full(groups, LOG[-1])]
     return Scales(log, log.copy(), np.full(len(log), 0.7), np.full(len(log), -np.inf), FIELDS)
@@ -64,7 +63,7 @@ def scales(groups: int = 1) -> Scales:
 
 def test_solve_is_the_dense_formula() -> None:
     rows = rows_of(50, 40_787)
-    matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
+    matrix, _ = likelihood_of(rows).covariance(LOG)
     posterior, inverse = solve(matrix, rows.residual)
     np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-8, atol=1e-10)
     np.testing.assert_array_equal(inverse, inverse.T)
@@ -98,7 +97,7 @@ def test_gradient_of_the_evidence_against_central_differences(
 ) -> None:
     weights = np.random.default_rng(7_919).uniform(0.05, 1.0, 60)
     rows = rows_of(60, 55_439, weights, groups, most=20 if merged else 1000)
-    tune(scales(groups), *grams(covariance(3), rows.observed), rows, IterationSettings())
+    likelihood_of(rows).maximise(scales(groups), IterationSettings())
     at = scales(groups).log + 0.1
     slope = minimised[0](at)[1]
     for k in range(len(at)):
@@ -115,7 +114,7 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(
     rows = rows_of(60, 41_143, np.random.default_rng(3_571).uniform(0.05, 1.0, 60), groups)
     noises = scales(groups).noise_alone()
     seen = np.einsum("na,nak->nk", rows.observed.directions, covariance(3).similarity(rows.observed.at))
-    tune(noises, seen @ seen.T, [], rows, IterationSettings())
+    MarginalLikelihood(seen @ seen.T, [], rows).maximise(noises, IterationSettings())
     tune_noise(noises, seen, rows, IterationSettings())
     for shift in (-1.0, 0.0, 2.0):
         whole, few = (objective(noises.log + shift) for objective in minimised)
@@ -126,7 +125,7 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(
 def test_no_step_of_the_line_search_overflows(minimised: list[Objective]) -> None:
     """Points in a plane that are all believed once asked for amplitudes beyond e^354."""
     rows = rows_of(60, 2_203)
-    tune(scales(1), *grams(covariance(3), rows.observed), rows, IterationSettings())
+    likelihood_of(rows).maximise(scales(1), IterationSettings())
     for step in (90.0, 400.0):
         energy, slope = minimised[0](scales(1).log + step)
         assert energy > minimised[0](scales(1).log)[0]
@@ -135,9 +134,9 @@ def test_no_step_of_the_line_search_overflows(minimised: list[Objective]) -> Non
 
 def test_left_out_is_a_refit_without_the_point() -> None:
     rows = rows_of(30, 82_903)
-    matrix, noise = assemble(LOG, *grams(covariance(3), rows.observed), rows)
+    matrix, noise = likelihood_of(rows).covariance(LOG)
     posterior, _ = solve(matrix, rows.residual)
-    residual, var = left_out(posterior, noise)
+    residual, var = posterior.left_out(noise)
     for i in range(30):
         others = np.arange(30) != i
         gain = np.linalg.solve(matrix[np.ix_(others, others)], matrix[others, i])
@@ -146,19 +145,20 @@ def test_left_out_is_a_refit_without_the_point() -> None:
 
 
 def test_posterior_variance_is_the_dense_formula_and_falls_with_every_point() -> None:
-    cov = covariance(3)
+    prior = FieldPrior(covariance(3), np.exp(LOG[:FIELDS]))
     asked = rows_of(12, 5_701).observed
     before = np.full(12, np.inf)
-    sds = np.exp(LOG[:FIELDS])
     for count in (5, 20, 80):
         rows = rows_of(80, 31_337)
         names = ("observed", "residual", "group", "relative", "of_point")
         first = replace(rows, **{name: _first(getattr(rows, name), count) for name in names})
-        matrix, _ = assemble(LOG, *grams(cov, first.observed), first)
-        crossed = cross(cov, sds, first.observed, asked)
-        var = posterior_variance(solve(matrix, first.residual)[0].factor, variance(cov, sds, asked), crossed)
-        dense = variance(cov, sds, asked) - np.einsum("nm,nk,km->m", crossed, np.linalg.inv(matrix), crossed)
-        np.testing.assert_allclose(var, dense, rtol=1e-6, atol=1e-9)
+        matrix, _ = likelihood_of(first).covariance(LOG)
+        crossed = prior.between(first.observed, asked)
+        field = FieldPosterior(prior, first.observed, posterior_of(first))
+        var = field.variance(asked)
+        dense = prior.between(asked, asked) - crossed.T @ np.linalg.inv(matrix) @ crossed
+        np.testing.assert_allclose(field.covariance(asked), dense, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(var, np.diag(dense), rtol=1e-6, atol=1e-9)
         assert (var <= before + 1e-9).all()
         before = var
 
@@ -176,21 +176,20 @@ def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
     rows = rows_of(250, 12_409)
     rng = np.random.default_rng(90_001)
     found = []
-    fixed, parts = grams(covariance(3), rows.observed)
+    likelihood = likelihood_of(rows)
     true = np.log([2.0, 0.8, 0.04, 0.05, 1.0])
-    root = np.linalg.cholesky(assemble(true, fixed, parts, rows)[0])
+    root = np.linalg.cholesky(likelihood.covariance(true)[0])
     wide = Scales(LOG, LOG.copy(), np.full(len(LOG), 2.0), np.full(len(LOG), -np.inf), FIELDS)
     for _ in range(12):
         drawn = replace(rows, residual=root @ rng.normal(size=250))
-        found.append(tune(wide, fixed, parts, drawn, IterationSettings(tuning_steps=40)))
+        found.append(replace(likelihood, rows=drawn).maximise(wide, IterationSettings(tuning_steps=40)))
     assert abs(np.mean(found, axis=0)[-1] - true[-1]) < 0.05
     assert abs(np.mean(found, axis=0)[0] - true[0]) < 0.35
 
 
 def test_free_energy_of_believed_points_is_the_gaussian_evidence() -> None:
     rows = rows_of(40, 66_821)
-    matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
-    posterior, _ = solve(matrix, rows.residual)
+    posterior = posterior_of(rows)
     assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(
         posterior.energy + 20.0 * np.log(2.0 * np.pi)
     )
@@ -206,10 +205,10 @@ def test_a_point_that_is_not_believed_leaves_the_free_energy(relative: float) ->
     none = np.zeros((0, 3))
     doubted = np.arange(40) < 10
     rows = gather(feet, data, np.where(doubted, 0.0, 1.0), none, 1000, 6.0)
-    posterior, _ = solve(assemble(LOG, *grams(covariance(3), rows.observed), rows)[0], rows.residual)
+    posterior = posterior_of(rows)
     kept = Feet(*(getattr(feet, name)[10:] for name in ("at", "normals", "along", "residual")))
     others = gather(kept, wall(at[10:]), np.ones(30), none, 1000, 6.0)
-    alone, _ = solve(assemble(LOG, *grams(covariance(3), others.observed), others)[0], others.residual)
+    alone = posterior_of(others)
     assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(
         free_energy(alone, LOG[FIELDS:], others), abs=1e-3
     )
@@ -226,25 +225,25 @@ def test_a_point_that_shares_a_row_is_left_out_as_far_as_it_is_believed(belief: 
     weights = np.ones(60)
     residual[::4] = -8.0
     weights[::4] = belief
-    cov = covariance(3)
+    prior = FieldPrior(covariance(3), np.exp(LOG[:FIELDS]))
     none = np.zeros((0, 3))
     noises = np.exp(LOG[FIELDS:])
     feet = Feet(at, normals, np.ones(60), residual)
     rows = gather(feet, wall(at), weights, none, 10, 1e-6)
-    matrix, noise = assemble(LOG, *grams(cov, rows.observed), rows)
+    matrix, noise = likelihood_of(rows).covariance(LOG)
     apart, var = points_left_out(
-        rows, feet, weights, noise, *left_out(solve(matrix, rows.residual)[0], noise), noises, wall(at)
+        rows, feet, weights, noise, *solve(matrix, rows.residual)[0].left_out(noise), noises, wall(at)
     )
     for point in (0, 1):
         kept = np.arange(60) != point
         feet_kept = Feet(at[kept], normals[kept], np.ones(59), residual[kept])
         others = gather(feet_kept, wall(at[kept]), weights[kept], none, 1000, 1e-6)
-        posterior, _ = solve(assemble(LOG, *grams(cov, others.observed), others)[0], others.residual)
+        posterior = posterior_of(others)
         asked = Observed(at[point : point + 1], normals[point : point + 1], np.ones(1))
-        crossed = cross(cov, np.exp(LOG[:FIELDS]), others.observed, asked)
+        field = FieldPosterior(prior, others.observed, posterior)
+        crossed = prior.between(others.observed, asked)
         assert apart[point] == pytest.approx(residual[point] - posterior.alpha @ crossed[:, 0], abs=1e-4)
-        fit_var = posterior_variance(posterior.factor, variance(cov, np.exp(LOG[:FIELDS]), asked), crossed)[0]
-        assert var[point] == pytest.approx(fit_var + noises[0] ** 2, rel=1e-4)
+        assert var[point] == pytest.approx(field.variance(asked)[0] + noises[0] ** 2, rel=1e-4)
 
 
 @pytest.mark.parametrize("belief", [1.0, 0.4])
@@ -255,13 +254,11 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
     at = np.repeat(at, 4, axis=0)
     normals = np.repeat(surface.face_normals[face], 4, axis=0)
     feet = Feet(at, normals, np.ones(60), np.random.default_rng(3_163).normal(size=60))
-    cov = covariance(3)
     none = np.zeros((0, 3))
     energies, alphas = [], []
     for most in (1000, 10):
         rows = gather(feet, wall(at), np.full(60, belief), none, most, 1e-6)
-        matrix, _ = assemble(LOG, *grams(cov, rows.observed), rows)
-        posterior, _ = solve(matrix, rows.residual)
+        posterior = posterior_of(rows)
         energies.append(free_energy(posterior, LOG[FIELDS:], rows))
         alphas.append(
             np.bincount(np.arange(60) // 4, posterior.alpha)
@@ -277,16 +274,17 @@ def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
     costs nothing.
     """
     rows = rows_of(30, 8_513)
-    fixed, (part, *_) = grams(covariance(3), rows.observed)
+    whole = likelihood_of(rows)
+    part = whole.parts[0]
+    likelihood = replace(whole, parts=[part])
     prior = Scales(np.log([0.8, 1.5]), np.log([0.8, 1.5]), np.array([1.0, 0.5]), np.full(2, -np.inf), 1)
 
     def energy(log: Array) -> float:
         pull = (log - prior.prior_log) / prior.prior_log_sd
-        return free_energy(
-            solve(assemble(log, fixed, [part], rows)[0], rows.residual)[0], log[1:], rows
-        ) + 0.5 * float(pull @ pull)
+        posterior = solve(likelihood.covariance(log)[0], rows.residual)[0]
+        return free_energy(posterior, log[1:], rows) + 0.5 * float(pull @ pull)
 
-    best = replace(prior, log=tune(prior, fixed, [part], rows, IterationSettings(tuning_steps=50)))
+    best = replace(prior, log=likelihood.maximise(prior, IterationSettings(tuning_steps=50)))
     pull = (best.log - prior.prior_log) / prior.prior_log_sd
     step = 0.15
     grid = [prior.prior_log + step * np.array([i, j]) for i in range(-40, 30) for j in range(-15, 16)]
@@ -296,11 +294,11 @@ def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
     flattered = -total - (energy(best.log) - 0.5 * float(pull @ pull))
     assert flattered > 0.5  # there is something to correct,
     # and Laplace's parabola misses little of it
-    assert laplace_correction(best, fixed, [part], rows) == pytest.approx(flattered, abs=0.3)
+    assert likelihood.laplace(best) == pytest.approx(flattered, abs=0.3)
     silent = replace(prior, log=np.r_[prior.log[:1], best.log[1:]])
     noise_only = Scales(best.log[1:], prior.prior_log[1:], prior.prior_log_sd[1:], prior.least[1:], 0)
-    assert laplace_correction(silent, fixed, [0.0 * part], rows) == pytest.approx(
-        laplace_correction(noise_only, fixed, [], rows)
+    assert replace(whole, parts=[0.0 * part]).laplace(silent) == pytest.approx(
+        replace(whole, parts=[]).laplace(noise_only)
     )
 
 
@@ -317,9 +315,7 @@ def test_points_that_share_a_row_flatter_a_motion_as_those_that_do_not() -> None
     at, feet = stacked()
     apart, merged = (gather(feet, wall(at), np.ones(60), np.zeros((0, 3)), most, 1e-6) for most in (1000, 10))
     assert len(merged.residual) == 15
-    found = [
-        laplace_correction(scales(), *grams(covariance(3), rows.observed), rows) for rows in (apart, merged)
-    ]
+    found = [likelihood_of(rows).laplace(scales()) for rows in (apart, merged)]
     assert found[0] == pytest.approx(found[1], abs=1e-6)
 
 

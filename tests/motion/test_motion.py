@@ -17,18 +17,21 @@ from threadpoolctl import ThreadpoolController
 from tiny import sphere
 
 from o3dls.arrays import Array
+from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.similarity import apply, fit_similarity, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.motion import fit as fit_module
 from o3dls.motion import model_selection
+from o3dls.motion.field.covariance import Places
+from o3dls.motion.field.observations import Data, Feet
 from o3dls.motion.fit import _first_weights, fit_motion, settled
-from o3dls.motion.iteration import Step, begin, believe, find_feet, mixed
+from o3dls.motion.iteration import Step, begin, believe, find_feet, mixed, step
 from o3dls.motion.leverage_points import energy_with_strain, leverage_points
 from o3dls.motion.model_selection import fit_pose
-from o3dls.motion.observations import Data
 from o3dls.motion.problem import MotionProblem, motion_problem
 from o3dls.motion.result import Iterated, MotionFit, state_facts
 from o3dls.motion.settings import MotionSettings
+from o3dls.noise.contact import Contact
 from o3dls.settings import with_numbers
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
@@ -579,6 +582,29 @@ def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -
     lengths = [1, 1, 1, 0, 0, 1, 1, 1]
     np.testing.assert_allclose(there.log - here.log, np.log(2.5) * np.array(lengths), atol=1e-9)
     np.testing.assert_allclose(there.least[-2:] - here.least[-2:], np.log(2.5))
+
+
+@pytest.mark.parametrize("part", ["correspondence", "contacts", "covariance"])
+def test_a_round_uses_the_parts_that_its_problem_names(part: str) -> None:
+    surface, data = marked()
+    at = problem(surface, data)
+    usual = step(at, begin(at), 0)[0]
+
+    def nearest(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
+        """Feet at the closest point, whatever the noise."""
+        return at.correspondence(tree, points, 1e-6 * sd, rest)
+
+    def nothing_floats(residual: Array, *_: object) -> tuple[Array, Contact]:
+        return np.ones(len(residual)), begin(at).contact
+
+    stiff = replace(at.covariance, translation=1e-9, rotation=1e-9, scale=1e-9)
+    other = {"correspondence": nearest, "contacts": nothing_floats, "covariance": stiff}[part]
+    swapped = replace(at, **{part: other})
+    found = step(swapped, begin(swapped), 0)[0]
+    if part == "contacts":
+        assert found.weights[~data.inside].min() == 1.0 > usual.weights.min()
+    else:
+        assert np.abs(found.moved - usual.moved).max() > 0.01
 
 
 def test_facts_name_the_amplitudes_as_they_are() -> None:

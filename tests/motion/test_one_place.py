@@ -12,11 +12,11 @@ from fields import body, wall
 from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.surface import Surface
+from o3dls.motion.field.observations import Data
 from o3dls.motion.fit import fit_motion
 from o3dls.motion.map_shift import search
 from o3dls.motion.map_shift.offset_model import Offset, OffsetModel
 from o3dls.motion.map_shift.search import find_map_shift
-from o3dls.motion.observations import Data
 from o3dls.motion.result import MotionFit
 from o3dls.noise.shifted_part import MapPart
 from o3dls.settings import with_numbers

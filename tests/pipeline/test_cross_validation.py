@@ -13,13 +13,14 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from tiny import Nudge, Spy, ball_case
+from tiny import Nudge, Spy, ball_case, sphere
 
 from o3dls import parallel
 from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
+from o3dls.evaluation.left_out import LeftOut, left_out_points
 from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, ending, fold_of, without
 from o3dls.pipeline.outcome import outcome_of
 from o3dls.pipeline.pipeline import Pipeline
@@ -73,7 +74,7 @@ def test_every_fold_is_fitted_without_its_points_and_scored_on_them() -> None:
         assert shown == {tuple(p) for p in eam[label != fold]}
         refit = Pipeline([Nudge()]).fit(without(case, np.flatnonzero(label == fold)))["nudge"]
         np.testing.assert_allclose(
-            left_out["nudge"][label == fold], distances(eam[label == fold], refit.surface)
+            left_out["nudge"].distance[label == fold], distances(eam[label == fold], refit.surface)
         )
 
 
@@ -83,6 +84,23 @@ def test_the_whole_run_reports_it_and_zero_folds_turn_it_off() -> None:
     run = Pipeline([Nudge()], folds=0).run(case)
     assert "cross_validated" not in run.scores["nudge"]
     assert "left_out_nudge_mm" not in run.points.columns
+
+
+def test_a_left_out_point_has_the_deviation_that_the_fit_without_it_predicts() -> None:
+    surface = sphere(20.0)
+    sd = np.where(surface.vertices[:, 0] > 0.0, 3.0, 0.0)
+    estimate = Estimate(replace(surface, fields={"sd_mm": sd}), np.eye(4), "found", sigma=4.0)
+    xyz = np.array([[25.0, 0.0, 0.0], [-22.0, 0.0, 0.0]])
+    found = left_out_points(xyz, estimate, "mm")
+    np.testing.assert_allclose(found.distance, [5.0, 2.0], atol=0.2)
+    np.testing.assert_allclose(found.deviation, [5.0, 4.0])  # of the wall, 3 or 0 mm, and of the noise
+    unsure = left_out_points(xyz, replace(estimate, sigma=None), "mm")
+    assert np.isnan(unsure.deviation).all()
+
+
+def test_deviations_of_left_out_points_are_kept_where_there_is_a_posterior() -> None:
+    run = Pipeline([Nudge()], folds=FOLDS).run(replace(ball_case(), truth=None))
+    assert "left_out_sd_nudge_mm" not in run.points.columns
 
 
 @pytest.mark.parametrize("kind", ["ablation", "landmark"])
@@ -157,7 +175,7 @@ def test_a_second_process_does_folds_from_the_last_one_on_and_gives_the_same(
     alone = cross_validate(fit, case, FOLDS)
     assert list(found) == list(alone)
     for name, gaps in alone.items():
-        np.testing.assert_array_equal(found[name], gaps)
+        np.testing.assert_array_equal(found[name].distance, gaps.distance)
 
 
 def test_a_fold_that_cannot_be_fitted_in_the_other_process_is_named(pool: Executor) -> None:
@@ -172,7 +190,7 @@ def test_a_fold_whose_process_is_ended_is_done_here() -> None:
         pool.submit(int).result()
         found = Folds(SlowHere(os.getpid(), ends=True), case, FOLDS, pool).left_out()
     for name, gaps in cross_validate(SlowHere(os.getpid()), case, FOLDS).items():
-        np.testing.assert_array_equal(found[name], gaps)
+        np.testing.assert_array_equal(found[name].distance, gaps.distance)
 
 
 def test_where_no_process_can_be_begun_one_does_all_and_a_batch_says_why(
@@ -212,7 +230,8 @@ def test_a_run_ends_with_an_earlier_estimate_where_left_out_points_clearly_prefe
     motion = np.abs(rng.normal(1.5, 0.3, count))
     chance = rng.normal(0.0, 0.3, count)
     wall = motion + harm + chance - chance.mean()
-    left_out = {"start": motion + 5.0, "motion": motion, "wall": wall}
+    gaps = {"start": motion + 5.0, "motion": motion, "wall": wall}
+    left_out = {name: LeftOut(gap, np.full(count, np.nan)) for name, gap in gaps.items()}
     found, said = ending(["wall", "motion"], left_out, case)
     assert found == final
     assert [(one.code, one.stage) for one in said] == ([("stage-rejected", "wall")] if harm > 0.5 else [])

@@ -11,13 +11,22 @@ import pytest
 
 from o3dls.case import Case
 from o3dls.geometry.similarity import similarity
-from o3dls.report.drawing.slices import bar_length
+from o3dls.geometry.surface import Surface
+from o3dls.report.drawing.slices import Frame, Outline, bar_length, drawing, slice_surface
 from o3dls.report.sections.cross_sections import BESIDE, slice_section
 from o3dls.report.sections.outlines import outline_section
 from o3dls.report.subject import Subject, read_subject
+from tests.chamber import chamber
 from tests.finished import bulged_case, finished, finished_2d
+from tests.tiny import sphere
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def two_balls() -> Surface:
+    one = sphere(10.0, 20)
+    beside = one.vertices + np.array([30.0, 0.0, 0.0])
+    return Surface(np.vstack([one.vertices, beside]), np.vstack([one.faces, one.faces + len(beside)]))
 
 
 def subject_of(case: Case, folder: Path) -> Subject:
@@ -165,3 +174,32 @@ def test_outlines_in_two_dimensions_have_a_bar_in_their_unit(tmp_path: Path) -> 
     section = outline_section(read_subject([finished_2d(tmp_path / "run")]))
     assert section is not None
     assert re.search(r"<text[^>]*>\d+ px</text>", section.body)
+
+
+@pytest.mark.parametrize(("surface", "loops"), [(sphere(20.0, 24), 1), (chamber(), 1), (two_balls(), 2)])
+def test_an_outline_is_one_line_so_that_its_dashes_are_seen(surface: Surface, loops: int) -> None:
+    """Dashes begin anew with every move; nothing of the outline is lost."""
+    segments = slice_surface(surface, 2, 0.37)
+    low, high = segments.reshape(-1, 2).min(axis=0) - 1, segments.reshape(-1, 2).max(axis=0) + 1
+    frame = Frame(low, high, "mm")
+    page = str(drawing("", [Outline("one", "prior", segments)], np.zeros((0, 2)), [], frame))
+    path = re.search(r' d="(M[^"]+)" class="series prior"', page)
+    assert path
+    lines = [one.split("L") for one in path[1].split("M")[1:]]
+    assert len(lines) == loops
+    drawn = [np.array([[float(x) for x in at.split()] for at in line]) for line in lines]
+    length = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in drawn)
+    wanted = np.linalg.norm(np.diff(segments, axis=1)[:, 0], axis=1).sum() * frame.scale
+    assert length == pytest.approx(wanted, rel=0.01)
+
+
+def test_an_open_outline_is_one_line_too() -> None:
+    at = np.column_stack([np.linspace(0, 10, 30), np.sin(np.linspace(0, 10, 30))])
+    segments = np.random.default_rng(9_121).permutation(np.stack([at[:-1], at[1:]], axis=1))
+    segments[::2] = segments[::2, ::-1]
+    frame = Frame(np.array([-1.0, -2]), np.array([11.0, 2]), "mm")
+    page = str(drawing("", [Outline("one", "prior", segments)], np.zeros((0, 2)), [], frame))
+    path = re.search(r' d="(M[^"]+)" class="series prior"', page)
+    assert path
+    assert path[1].count("M") == 1
+    assert path[1].count("L") == 29

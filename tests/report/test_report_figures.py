@@ -19,7 +19,7 @@ from o3dls.cli.main import answer
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import figures
 from o3dls.report.drawing.caption import made
-from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
+from o3dls.report.drawing.fields import MAPS, Field, colour_table, colours_of, known_fields, robust_range
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
@@ -47,6 +47,21 @@ def test_sphere_covers_its_disc_and_is_lit_from_the_viewer() -> None:
     assert covered.mean() == pytest.approx(np.pi * 40**2 / 100**2, rel=0.02)
     np.testing.assert_allclose(picture[100, 100], (0.0, 0.5, 1.0), atol=0.02)
     assert picture[100, 100, 2] > picture[100, 28, 2] > 0.45
+
+
+@pytest.mark.parametrize("name", sorted(set(MAPS) - {"regions"}))
+def test_light_does_not_change_what_a_colour_is_read_as(name: str) -> None:
+    """The middle of a map, and values beside it, are read by the nearest colour of the map, on walls that are
+    turned away by up to 60 degrees.
+    """
+    table = colour_table(name)
+    surface = sphere(40.0, 60)
+    for step in (64, 128, 192):
+        canvas = Canvas(VIEW, 200, 200, WHITE)
+        canvas.surface(surface, np.tile(table[step], (len(surface.vertices), 1)))
+        seen = canvas.pixels()[100, 100 - int(80 * np.sin(np.radians(60))) : 100] / 255
+        read = np.linalg.norm(seen[:, None] - table[None], axis=2).argmin(axis=1)
+        assert np.abs(read - step).max() <= 0.06 * 255
 
 
 def test_nearer_things_hide_farther_ones() -> None:

@@ -147,6 +147,44 @@ def test_axe_finds_nothing_wrong_where_runs_are_compared(browser: Any, report: P
 
 
 @pytest.mark.parametrize("size", [WIDE, TABLET, PHONE])
+def test_no_table_is_wider_than_its_place(
+    browser: Any, report: Path, flat: Path, size: tuple[int, int]
+) -> None:
+    """Nothing has to be scrolled to; where columns do not fit, every value stands behind its heading."""
+    for page in (report, flat):
+        visit = opened(browser, page, size)
+        assert violations(visit) == []
+        visit.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        visit.settle()
+        assert visit.page.evaluate(WIDER) == []
+        labels = visit.page.evaluate(LABELS)
+        assert (len(labels) > 3) == (size == PHONE) or size == TABLET
+        assert all(labels)
+        visit.page.close()
+
+
+WIDER = """() => [...document.querySelectorAll('.scroll')].filter((one) => one.clientWidth)
+    .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent.slice(0, 40))"""
+LABELS = """() => [...document.querySelectorAll('.cards tbody td')]
+    .filter((one) => !one.querySelector('button')).map((one) => one.dataset.label)"""
+
+
+def test_a_card_has_the_words_of_its_row(browser: Any, report: Path) -> None:
+    """What a wide screen shows in a column a narrow one shows behind its heading."""
+    said = []
+    for size in (WIDE, PHONE):
+        visit = opened(browser, report, size)
+        table = visit.page.locator("#scores table").first
+        table.scroll_into_view_if_needed()
+        rows = table.locator("tbody tr").all()
+        said.append([[cell.inner_text().strip() for cell in row.locator("th, td").all()] for row in rows])
+        heads = [one.strip() for one in table.locator("thead th").all_text_contents()]
+        visit.page.close()
+    assert said[0] == said[1]
+    assert len(said[0][0]) == len(heads)
+
+
+@pytest.mark.parametrize("size", [WIDE, TABLET, PHONE])
 def test_tables_scroll_in_their_own_box_and_cut_nothing(
     browser: Any, report: Path, flat: Path, size: tuple[int, int]
 ) -> None:
@@ -173,8 +211,9 @@ CUT = """() => [...document.querySelectorAll('table')].flatMap((table) => {
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_shadow_shows_where_more_of_a_table_is(browser: Any, report: Path, scheme: str) -> None:
-    """At the right edge while there is more, and no longer at the end."""
-    visit = opened(browser, report, PHONE, color_scheme=scheme)
+    """Where no script makes cards of it: at the right edge while there is more, and no longer at the end."""
+    visit = Visit(browser, report, width=390, height=844, wait=False, java_script_enabled=False)
+    visit.page.emulate_media(color_scheme=scheme)
     box = visit.page.locator("#validity .scroll")
     box.scroll_into_view_if_needed()
     edge = []

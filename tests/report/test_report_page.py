@@ -27,11 +27,12 @@ from tests.viewer import FIXTURES
 
 MOST_BYTES = 4_000_000
 READY_MS = 2_000  # software rendering, two surfaces of 36 000 faces (the demo has fewer), on two quiet cores
-MOST_CALLS = 2 + 3  # a picture draws two sides of its surface, and balls, cubes and diamonds
+MOST_CALLS = 2 + 1  # a picture draws two sides of its surface, and all points
 # factor granted to a machine that does other work at the same time; the idle figure is asked for by
 # O3DLS_TIMED=1
 LOADED = 3.0
 SEEN = 2.0  # mean change of a colour channel (of 255) that counts as a changed picture
+MARK = 0.005  # of 255: one mark, which has 11 pixels, on a whole picture
 
 
 run, report, launch, browser, _ = FIXTURES
@@ -280,7 +281,7 @@ def test_points_have_white_rims(mapped: Visit) -> None:
     white = []
     for _ in range(2):
         mapped.settle()
-        white.append(int((mapped.picture(0) == 255).all(axis=2).sum()))
+        white.append(int((mapped.picture(0) > 240).all(axis=2).sum()))  # softened at its edges
         mapped.page.get_by_label("eam", exact=True).click()
     assert white[0] > white[1] + 200
 
@@ -311,8 +312,8 @@ def test_switches_do_what_they_say(visit: Visit) -> None:
 
     assert min(change(visit, lambda: visit.page.locator("#translucent").fill("0.7"))) > SEEN
     for label in ("eam", "ablation", "landmarks", "outliers"):
-        assert change(visit, toggle(label))[1] > 0.02
-        assert change(visit, toggle(label))[1] > 0.02
+        assert change(visit, toggle(label))[1] > MARK
+        assert change(visit, toggle(label))[1] > MARK
     assert min(change(visit, lambda: visit.page.select_option("#ghost", label="prior"))) > 0.2
     assert change(visit, lambda: visit.page.select_option("#ghost", label="truth"))[0] > 0.2
     assert visit.page.locator("#panels figure:visible").count() == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -15,6 +16,7 @@ from o3dls.estimate import Estimate
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.report.checks import checks
 from o3dls.report.page import report_page
+from o3dls.report.sections.outcome import overall
 from o3dls.report.subject import read_subject
 from o3dls.report.verdict import verdict
 from o3dls.report.wall_parts import MAPPED, PRIOR_ONLY, wall_parts
@@ -92,6 +94,21 @@ def test_the_best_baseline_is_compared_with_wherever_it_stands(tmp_path: Path) -
     assert read_subject([folder]).shown == ["icp_similarity", "level_set"]
 
 
+def test_a_pose_that_icp_made_worse_is_the_baseline(tmp_path: Path) -> None:
+    """Whatever stage found it: the best baseline is the best."""
+
+    class Search(Icp):
+        name: ClassVar[str] = "search"
+
+    folder = Pipeline([Search(), Rigid(), LevelSet()], folds=0).run(bulged_case()).write(tmp_path / "run")
+    subject = read_subject([folder])
+    assert subject.first is not None
+    assert subject.first.name == "search"
+    assert subject.shown == ["search", "level_set"]
+    assert {one.name for one in checks(subject)} >= {"Against search"}
+    assert "icp makes the prior" in next(one.said for one in checks(subject) if one.name == "Size")
+
+
 def test_other_sets_are_told_apart_by_the_distance_to_fitted_points(tmp_path: Path) -> None:
     case = bulged_case()
     assert case.truth is not None
@@ -124,4 +141,18 @@ def test_equal_estimates_show_no_significant_difference(tmp_path: Path) -> None:
 
     noisy = bulged_case(noise=0.5)
     folder = Pipeline([Icp(), Same()], folds=0).run(noisy).write(tmp_path / "run")
-    assert verdict(read_subject([folder])).startswith("No significant difference between same and icp on ")
+    subject = read_subject([folder])
+    assert verdict(subject).startswith("No significant difference between same and icp on ")
+    found = next(one for one in checks(subject) if one.name == "Against icp")
+    assert (found.grade, found.short) == ("even", "no clear difference")
+    passed = [one for one in checks(subject) if one.grade == "good"]
+    assert f"{len(passed)} checks passed, 1 neutral" in overall([found, *passed], [])
+
+
+def test_in_two_dimensions_the_strip_and_the_text_compare_alike(tmp_path: Path) -> None:
+    subject = read_subject([finished_2d(tmp_path / "run")])
+    found = next(one for one in checks(subject) if one.name == "Against icp")
+    told = re.search(r"than icp by ([0-9.]+ \w+)", verdict(subject))
+    assert told
+    assert f"by {told[1]}" in found.short
+    assert found.grade == ("good" if "closer" in found.short else "amber")

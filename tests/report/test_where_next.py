@@ -15,10 +15,11 @@ from click.testing import CliRunner, Result
 
 from o3dls import Case, Deform, InputError, Pipeline, Points
 from o3dls.cli.commands import cli
+from o3dls.evaluation.regions import valve_of
 from o3dls.report.drawing.scene import scene
 from o3dls.report.mapping.advice import shown_advice
 from o3dls.report.mapping.sections import next_section, region_section
-from o3dls.report.mapping.wall_regions import landmarks_in_map
+from o3dls.report.mapping.wall_regions import advised, landmarks_in_map
 from o3dls.report.page import report_page
 from o3dls.report.subject import Subject, read_subject
 from tests.browser import Visit, chromium
@@ -111,15 +112,31 @@ def test_landmarks_of_the_prior_alone_come_along(subject: Subject) -> None:
     assert np.array_equal(found["LSPV"], marks.xyz[list(marks.columns["name"]).index("LSPV")])
 
 
-def test_the_command_prints_a_table(folder: Path) -> None:
+def test_no_place_is_in_the_valve_that_a_landmark_names(subject: Subject) -> None:
+    case, estimate = subject.case, subject.last.estimate
+    first = advised(case, estimate, 1).places[0].xyz
+    named = replace(case, prior_landmarks={}, points=with_mark(case.points, "MV", first))
+    places = advised(named, estimate, 3).places
+    valve = valve_of(estimate.surface, {"MV": first})
+    assert places
+    assert not any(valve[one.vertex] for one in places)
+
+
+def with_mark(points: Points, name: str, at: Any) -> Points:
+    names = np.array([*points.columns["name"], name])
+    return Points(np.vstack([points.xyz, at]), np.array([*points.type, "landmark"]), {"name": names})
+
+
+def test_the_command_prints_lines_that_a_terminal_holds(folder: Path) -> None:
     done = said(folder, "--k", 2)
     assert done.exit_code == 0, done.output
     lines = done.output.splitlines()
     assert "frame of the map: LPS" in lines[0]
-    assert lines[1].split()[0] == "place"
-    assert [line.split()[0] for line in lines[2:4]] == ["1", "2"]
-    assert " mm from " in lines[2]
-    assert "Research use only" in lines[-1]
+    assert [line[:3] for line in lines if line[:1].isdigit()] == ["1  ", "2  "]
+    assert " mm from " in lines[1]
+    assert "error around" in lines[2]
+    assert max(map(len, lines)) <= 80
+    assert "Research use only" in done.output.replace("\n", " ")
 
 
 def test_the_command_prints_json(folder: Path, subject: Subject) -> None:

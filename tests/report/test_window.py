@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,22 @@ def test_window_opens_and_draws(run: Path, tmp_path: Path) -> None:
     from matplotlib.image import imread
 
     assert imread(picture).std() > 0.05
+
+
+def test_words_stand_apart_and_no_light_falls_on_bars_and_words(stand: Stand) -> None:
+    """With the longest label of all fields before the bar of the points."""
+    longest = max(range(len(stand.fields)), key=lambda k: len(stand.fields[k].label))
+    choice = replace(stand.first, field=longest, landmarks=False)
+    page = stand.page(choice)
+    surface, points, *rest = stand.geometries(choice)
+    assert surface.has_vertex_normals()
+    assert points.has_vertex_normals()
+    boxes = []
+    for one in rest:
+        assert not one.has_vertex_normals()
+        flat = (np.asarray(one.vertices) - page.centre) @ page.axes[:2].T / page.radius
+        boxes.append((flat.min(axis=0), flat.max(axis=0)))
+    assert len(boxes) == 7
+    for k, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[k + 1 :]:
+            assert (low >= other_high).any() or (high <= other_low).any()

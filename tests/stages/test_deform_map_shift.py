@@ -137,8 +137,8 @@ def test_points_that_a_fold_leaves_out_are_scored_without_the_offset_that_it_fou
     }
     left_out = cross_validate(lambda part: estimates, case, 2)
     expected = distances(whole.points.of("eam").xyz, true)
-    np.testing.assert_allclose(left_out["deform"], expected)
-    np.testing.assert_allclose(left_out["icp"], expected)  # all of a run on the same points
+    np.testing.assert_allclose(left_out["deform"].distance, expected)
+    np.testing.assert_allclose(left_out["icp"].distance, expected)  # all of a run on the same points
 
 
 def test_a_second_stage_does_not_ask_again() -> None:

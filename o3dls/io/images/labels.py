@@ -25,7 +25,7 @@ Box = tuple[float, float, float, float, float, float]
 
 
 class Choice(TypedDict, total=False):
-    """The options that choose a surface of a label volume; `surface_of` says what each means."""
+    """These options choose a surface of a label volume; `surface_of` says what each means."""
 
     label: int | None
     part: str | None

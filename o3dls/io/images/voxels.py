@@ -24,8 +24,8 @@ LARGEST = 1e6  # mm from the origin
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """An image: values (nz, ny, nx), or (nz, ny, nx, layers), and their `affine`, which takes an index (i, j,
-    k), the centre of a voxel, to mm.
+    """An image has values (nz, ny, nx), or (nz, ny, nx, layers), and their `affine`, which takes an index (i,
+    j, k), the centre of a voxel, to mm.
 
     space is LPS, or unknown where the file does not say; notes are free `key = value` pairs, such as Slicer's
     segment names.

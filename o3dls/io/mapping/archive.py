@@ -28,8 +28,8 @@ MOST_PACKED, LARGE = 200, 1 << 22
 
 @dataclass(frozen=True)
 class Archive:
-    """The files of a study: their names relative to its top and, where they are zipped, what holds their
-    bytes.
+    """An archive gives the files of a study: their names relative to its top and, where they are zipped, what
+    holds their bytes.
     """
 
     path: Path

@@ -19,7 +19,9 @@ NEARER = 3.0  # mm by which a site lies nearer to another map: two maps of one c
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """What a map shows of its chamber: the places of its points (n, 3) and its shell, where it has one."""
+    """An anatomy is what a map shows of its chamber: the places of its points (n, 3) and its shell, where it
+    has one.
+    """
 
     points: Array
     shell: Surface | None = None

@@ -36,7 +36,10 @@ OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, 
 
 @dataclass(frozen=True)
 class Map:
-    """One map of the study as its XML describes it; by the id of a point, its tags and its printed place."""
+    """A map is one of the study's as its XML describes it.
+
+    tags and places: the tags of each point, and its place as printed, by its id.
+    """
 
     name: str
     files: tuple[str, ...]
@@ -53,7 +56,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Study:
-    """The study's XML: where it stands, its maps, and other shells.
+    """A study is what its XML says: where it stands, its maps, and other shells.
 
     The shells come with the vendor's registration (16 numbers as printed).
     """

@@ -38,8 +38,8 @@ LESION_VALUES = {
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """One CSV export: `key: value` lines of the preamble, the column names, and rows with their line
-    numbers.
+    """An export is one CSV file of the system: `key: value` lines of the preamble, the column names, and rows
+    with their line numbers.
     """
 
     path: Path

@@ -20,7 +20,9 @@ VERSIONS = (1, 2, 3)
 
 @dataclass(frozen=True)
 class Received:
-    """A message: its type, the name of its device, its content, and its number, 0 where it has none."""
+    """A received message has a type, the name of its device, its content, and its number, 0 where it has
+    none.
+    """
 
     kind: str
     name: str
@@ -30,7 +32,7 @@ class Received:
 
 @dataclass(frozen=True)
 class ReceivedPoint:
-    """A point of a message POINT; xyz as sent."""
+    """This is one point of a message POINT, with xyz as it was sent."""
 
     name: str
     group: str
@@ -38,7 +40,7 @@ class ReceivedPoint:
 
 
 class BadMessage(InputError):
-    """A message that cannot be used; the next one can be."""
+    """A message cannot be used; the next one can be."""
 
 
 def receive(read: Callable[[int], bytes]) -> Received:

@@ -17,7 +17,7 @@ from ..meshes.surface_file import SurfaceFile
 
 @dataclass
 class Imported:
-    """The import of one map of a study, with sentences on what was taken and left, and notes on the files.
+    """This is one imported map of a study, with sentences on what was taken and left, and notes on the files.
 
     Points with landmarks in the map frame, and the system's own shell.
     """

@@ -24,15 +24,17 @@ LARGEST = 1 << 30  # bytes of a variable, which is held in memory more than once
 
 @dataclass(frozen=True)
 class Opaque:
-    """An object of a MATLAB class (string, datetime, TriRep): its data have no documented layout."""
+    """An opaque element is an object of a MATLAB class (string, datetime, TriRep), whose data have no
+    documented layout.
+    """
 
     of: str
 
 
 @dataclass
 class Elements:
-    """A run of elements: each has a type, a size and its bytes. Every error names the file and the byte in
-    the (unpacked) run.
+    """This reads a run of elements, each of which has a type, a size and its bytes. Every error names the
+    file and the byte in the (unpacked) run.
     """
 
     path: Path

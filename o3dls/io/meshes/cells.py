@@ -35,8 +35,8 @@ Block = tuple[Indices, Ints]
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells in the order of their data: how many corners each has (n,), these one cell behind another, and
-    VTK's number of its kind (n,).
+    """Cells are in the order of their data: how many corners each has (n,), these one cell behind another,
+    and VTK's number of its kind (n,).
     """
 
     sizes: Ints

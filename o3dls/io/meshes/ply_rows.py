@@ -21,7 +21,7 @@ Columns = dict[str, Any]  # (n,) for scalars, (n, k) for lists of one length, el
 
 @dataclass(frozen=True)
 class Property:
-    """One property: its name, numpy type, and the type of the count that stands before a list."""
+    """A property has a name, a numpy type, and the type of the count that stands before a list."""
 
     name: str
     kind: str
@@ -30,7 +30,7 @@ class Property:
 
 @dataclass
 class Element:
-    """One `element` of the header."""
+    """This is one `element` of the header of a PLY file."""
 
     name: str
     rows: int
@@ -159,7 +159,7 @@ def _first_lengths(element: Element, body: memoryview, order: str) -> Mapping[st
 
 @dataclass
 class Taker:
-    """Hands out the next values of a binary body. Raises EOFError at its end."""
+    """A taker hands out the next values of a binary body. Raises EOFError at its end."""
 
     body: memoryview
     order: str

@@ -28,8 +28,9 @@ END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFile:
-    """A surface in mm where the format or its author names the units; `space` and `units` are 'unknown' where
-    nothing is said. `notes` are sentences on what of the file is not in the surface as it stands there.
+    """A surface file gives a surface in mm where the format or its author names the units; `space` and
+    `units` are 'unknown' where nothing is said. `notes` are sentences on what of the file is not in the
+    surface as it stands there.
     """
 
     surface: Surface

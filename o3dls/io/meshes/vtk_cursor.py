@@ -25,7 +25,9 @@ TYPES = {
 
 
 class Cursor:
-    """Reads on from `at`. Every error names the file and the line or byte where the cursor stands."""
+    """A cursor reads a VTK file on from the place `at`. Every error names the file and the line or byte where
+    the cursor stands.
+    """
 
     def __init__(self, path: Path, data: bytes) -> None:
         self.path = path

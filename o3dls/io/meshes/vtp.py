@@ -73,7 +73,7 @@ def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One piece of a data set."""
+    """This is one piece of the data set in a VTP file."""
 
     vertices: Array
     cells: Cells

@@ -89,7 +89,7 @@ def open_xml(path: Path, data: bytes) -> tuple[ElementTree.Element, bytes]:
 
 @dataclass(frozen=True)
 class Arrays:
-    """Reads data arrays by the conventions that the file's root states."""
+    """This class reads data arrays by the conventions that the file's root states."""
 
     path: Path
     size: int

@@ -22,7 +22,7 @@ PAD = 2  # empty nodes kept around the band, so that the box's border is outside
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Nodes of the lattice `spacing * Z^d` within `width` of a surface.
+    """A band is the set of nodes of the lattice `spacing * Z^d` within `width` of a surface.
 
     low (d,): lattice index of the box's first node; shape (d,): nodes of the box; nodes (n, d): indices
     inside the box in C order.

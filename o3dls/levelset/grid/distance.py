@@ -20,8 +20,8 @@ from .winding import winding
 
 @dataclass(frozen=True, eq=False)
 class SignedDistance:
-    """Signed distance phi (n,), negative inside, on the nodes of `band`, and the closest face (n,) of each
-    node.
+    """This is the signed distance phi (n,), negative inside, on the nodes of `band`, with the closest face
+    (n,) of each node.
     """
 
     band: Band

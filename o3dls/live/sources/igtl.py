@@ -28,8 +28,8 @@ REMEMBERED = 1000  # messages whose numbers are kept, to notice repeats
 
 
 class Igtl:
-    """The server at a host and port, which sends POINT or TRANSFORM, in RAS. frame: of the session's case:
-    places are turned for one in LPS, and as they come for one whose frame is unknown.
+    """This source listens to the server at a host and port, which sends POINT or TRANSFORM, in RAS. frame: of
+    the session's case: places are turned for one in LPS, and as they come for one whose frame is unknown.
     """
 
     def __init__(self, host: str, port: int, frame: str) -> None:

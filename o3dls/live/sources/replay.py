@@ -21,8 +21,8 @@ TIME = "time"  # column of seconds
 
 
 class Replay:
-    """The points of a file, without those that were taken before. rate: points a second; None: by the column
-    `time`, in seconds.
+    """This source replays the points of a file, without those that were taken before. rate: points a second;
+    None: by the column `time`, in seconds.
 
     Raises InputError where the file cannot be read, or has neither.
     """

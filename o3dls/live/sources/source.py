@@ -14,7 +14,7 @@ AGAIN = 1.0  # seconds after which a source that was lost is tried again
 
 
 class Desk(Protocol):
-    """Where points go, and where the catheter's tip is, in the frame of the map."""
+    """A desk takes points, and where the catheter's tip is, in the frame of the map."""
 
     def act(self, given: Message) -> Message: ...
 
@@ -26,7 +26,7 @@ class Desk(Protocol):
 
 
 class Source(Protocol):
-    """A source of points. Raises InputError, in words, where it is lost."""
+    """A source delivers points. Raises InputError, in words, where it is lost."""
 
     def follow(self, desk: Desk, stop: Event) -> None:
         """Give points to the desk until `stop` is set, or there are no more."""

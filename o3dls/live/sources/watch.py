@@ -21,8 +21,9 @@ Seen = bytes | tuple[tuple[str, int, int], ...]
 
 
 class Watch:
-    """Points of a CSV file, or of the one map of an export folder, each taken once, whatever is written anew
-    or in another order. frame: of the session's case; before: what was taken in an earlier session.
+    """This source watches a CSV file, or the one map of an export folder, and takes each point once, whatever
+    is written anew or in another order. frame: of the session's case; before: what was taken in an earlier
+    session.
 
     Raises InputError where there is no such file or folder.
     """

@@ -7,6 +7,7 @@ const TOLD = {
   label: (_, { point }) => `Point ${point} is labelled.`,
   prior_landmark: (_, { name }) => `${name} is placed on the prior.`,
   landmark: (_, { name }) => `The next point is ${name}.`,
+  fit: () => "A full fit begins as soon as none runs.",
   end: () => "The session ends: the default pipeline runs on all points.",
 };
 
@@ -82,6 +83,7 @@ function connectActions() {
   const on = (id, press) => byId(id).addEventListener("click", press);
   const point = () => byId("chosen").valueAsNumber;
   on("take", () => act({ do: "take", xyz: session.tip, type: byId("take-type").value }));
+  on("fit-again", () => act({ do: "fit" }));
   on("undo", () => act({ do: "undo" }));
   on("take-back", () => act({ do: "undo", point: point() }));
   on("retype", () => act({ do: "retype", point: point(), type: byId("new-type").value }));

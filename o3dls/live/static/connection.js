@@ -5,7 +5,7 @@ sessionStorage.removeItem("page"); // only a page that loads anew finds its name
 window.addEventListener("pagehide", () => sessionStorage.setItem("page", page));
 if (location.search) history.replaceState(null, "", location.pathname + location.hash); // the token is a cookie by now
 
-const TAKES = { scene: takeScene, surface: takeSurface, point: takePoint, points: takePoints, weights: takeWeights, state: takeState, tip: takeTip, role: takeRole, end: takeEnd, error: ({ text }) => say(`Refused: ${text}`, true) };
+const TAKES = { scene: takeScene, surface: takeSurface, point: takePoint, points: takePoints, weights: takeWeights, state: takeState, tip: takeTip, role: takeRole, progress: takeProgress, end: takeEnd, error: ({ text }) => say(`Refused: ${text}`, true) };
 const seen = { session: "", newest: {} }; // numbers of the events that were taken, which begin anew with a session
 
 // What was told already, as may be after the connection was lost, or by a newer event of its kind.
@@ -29,7 +29,7 @@ function connect() {
   }
   source.addEventListener("open", () => {
     session.connected = true;
-    tellConnection("Connected: what is shown is now.", "good");
+    tellNow();
     allow();
   });
   source.addEventListener("error", () => { if (source.readyState !== EventSource.OPEN) lose(source); });
@@ -45,6 +45,13 @@ function lose(source) {
   }
   const more = gone ? "This page is refused: open the link that o3dls live printed, or close another page." : "Trying again.";
   return tellConnection(`Connection lost: what is shown is old. ${more}`, "bad");
+}
+
+// The surface knows every point at once; a full fit, which may find another motion, takes its time.
+function tellNow() {
+  if (!session.connected || session.ended) return;
+  if (session.behind) tellConnection(`Connected: the surface knows all points, but its last full fit is ${counted(session.behind)} old.`, "good");
+  else tellConnection("Connected: what is shown is now.", "good");
 }
 
 function tellConnection(text, grade) {

@@ -49,7 +49,7 @@ function takeSurface(event) {
 }
 
 function takePoint(event) {
-  if (event.type === "undone") session.points.delete(event.id);
+  if (event.undone) session.points.delete(event.id);
   else session.points.set(event.id, { ...session.points.get(event.id), ...event });
   const ids = [...session.points.keys()];
   session.newest = ids.length ? Math.max(...ids) : null;
@@ -82,7 +82,9 @@ function takeState(state) {
   write("points-now", state.fitted === undefined ? state.points : `${state.points}, ${state.fitted} fitted`);
   write("mapped-now", millimetres(state.mapped_mm));
   write("unmapped-now", millimetres(state.unmapped_mm));
-  write("fit-now", /^\d/.test(state.fit ?? "") ? `running for ${state.fit}` : state.fit ?? "–");
+  write("fit-now", fitNow(state));
+  session.behind = state.behind ?? 0;
+  tellNow();
   write("source-now", state.source ?? "none: points come from this page");
   byId("source-now").classList.toggle("wrong-now", /hung up|refused|lost/.test(state.source ?? ""));
   write("status-now", state.status ?? "");
@@ -92,11 +94,19 @@ function takeState(state) {
   listWarnings(state.warnings ?? []);
 }
 
+// What the full fit does now, and how old the last one is: the points since then are put in without it.
+function fitNow({ fit, behind }) {
+  const now = /^\d/.test(fit ?? "") ? `running for ${fit}` : fit ?? "–";
+  return behind ? `${now}; the last knew ${counted(behind)} less` : now;
+}
+
+const counted = (n) => `${n} point${n === 1 ? "" : "s"}`;
+
 function listNext(places, ended) {
   session.next = places;
-  byId("next-list").replaceChildren(...places.map(({ xyz, before, after, gain }) => {
+  byId("next-list").replaceChildren(...places.map(({ xyz, where, before, after, gain }) => {
     const at = xyz.map((one) => one.toFixed(0)).join(", ");
-    return item(`at ${at}: expected error of the wall ${before.toFixed(3)} → ${after.toFixed(3)} mm, ${(100 * gain).toFixed(0)} % of its variance`);
+    return item(`${where ? `${where} (${at})` : `at ${at}`}: expected error of the wall ${before.toFixed(3)} → ${after.toFixed(3)} mm, ${(100 * gain).toFixed(0)} % of its variance`);
   }));
   write("next-ended", ended ?? "");
   session.view?.showNext(session.posed ? places : []);
@@ -130,7 +140,22 @@ function takeTip({ xyz }) {
   session.view?.showTip(session.posed ? xyz : null);
 }
 
+// How far the run is that the session ends with, and for how long it has been at it.
+function takeProgress({ text }) {
+  session.progress = text;
+  session.ending ??= setInterval(tellProgress, 1000);
+  session.since ??= performance.now();
+  tellProgress();
+}
+
+function tellProgress() {
+  const seconds = Math.round((performance.now() - session.since) / 1000);
+  write("ended", `The default pipeline runs on all points (${seconds} s): ${session.progress}`);
+  byId("ended").hidden = false;
+}
+
 function takeEnd(event) {
+  clearInterval(session.ending);
   session.ended = true;
   const line = byId("ended");
   const link = document.createElement("a");

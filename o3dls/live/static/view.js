@@ -73,6 +73,9 @@ function takeScene(given) {
   scene.box = given.box;
   Object.assign(scene, { centre: given.centre, radius: given.radius });
   moveSurface({ box: given.box, positions: text(now.positions), fields });
+  const { x, y, z } = target;
+  frameSurfaces();
+  target.set(x, y, z); // the picture does not jump under the eyes
   return true;
 }
 

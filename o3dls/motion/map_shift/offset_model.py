@@ -19,15 +19,15 @@ from scipy.linalg.lapack import dtrtri
 from ...arrays import Array, Ints
 from ...noise.shifted_part import MapPart
 from ...parallel import each
-from ..covariance import grams
+from ..field.gaussian_process import solve
+from ..field.marginal_likelihood import MarginalLikelihood, Scales
+from ..field.observations import Data, Rows
 from ..iteration import State, find_feet, gather_rows
-from ..marginal_likelihood import Scales, assemble, laplace_of_inverse, solve
-from ..observations import Data, Rows
 from ..problem import MotionProblem
 
 
 class Offset(NamedTuple):
-    """An offset (d,) of a part of the points, its covariance (d, d), and the nats that it gains."""
+    """An offset (d,) shifts a part of the points; it has a covariance (d, d), and the nats that it gains."""
 
     part: MapPart
     offset: Array
@@ -41,18 +41,21 @@ class Offset(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OffsetModel:
-    """The linear Gaussian model of points around the surface that a fit has come to, each with a row of its
-    own: covariances (k, k) by field, noise (k,), inverses (k, k) of the residuals' covariance and of its
-    Cholesky factor.
+    """This is the linear Gaussian model of points around the surface that a fit has come to, each with a row
+    of its own: their likelihood, noise (k,), inverses (k, k) of the residuals' covariance and of its Cholesky
+    factor.
     """
 
     problem: MotionProblem
     scales: Scales
-    rows: Rows
-    parts: list[Array]
+    likelihood: MarginalLikelihood
     noise: Array
     inverse: Array
     whitening: Array
+
+    @property
+    def rows(self) -> Rows:
+        return self.likelihood.rows
 
     @property
     def directions(self) -> Array:
@@ -61,7 +64,7 @@ class OffsetModel:
     @cached_property
     def correction(self) -> float:
         """Laplace's correction to the free energy: most maps have no offset that asks for it."""
-        return laplace_of_inverse(self.scales, self.parts, self.rows, self.noise, self.inverse)
+        return self.likelihood.laplace_of(self.scales, self.noise, self.inverse)
 
 
 def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
@@ -69,11 +72,11 @@ def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
     to.
     """
     rows = gather_rows(problem, find_feet(problem, state), state.without_history())
-    fixed, parts = grams(problem.covariance, rows.observed)
-    matrix, noise = assemble(state.scales.log, fixed, parts, rows)
+    likelihood = MarginalLikelihood.of(problem.covariance, rows)
+    matrix, noise = likelihood.covariance(state.scales.log)
     posterior, inverse = solve(matrix, rows.residual)
     whitening, _ = dtrtri(posterior.factor, lower=1)
-    return OffsetModel(problem, state.scales, rows, parts, noise, inverse, whitening)
+    return OffsetModel(problem, state.scales, likelihood, noise, inverse, whitening)
 
 
 def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
@@ -92,8 +95,16 @@ def price(model: OffsetModel, data: Data, found: Offset) -> float:
     """Return the nats that an offset costs: all those that it could have been, and what its landmarks do."""
     variance = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** 2
     columns = model.whitening @ _offset_columns(data, found.part, model.directions)
-    known = np.linalg.slogdet(np.eye(columns.shape[1]) + variance * columns.T @ columns)[1]
-    return 0.5 * float(known + found.offset @ found.offset / variance) + _odds_against(model, found.part)
+    known = _price_of_knowing(columns, variance)
+    return float(known + 0.5 * found.offset @ found.offset / variance) + _odds_against(model, found.part)
+
+
+def _price_of_knowing(columns: Array, variance: float) -> Array:
+    """Return the nats that offsets N(0, variance) cost since they could have been others, by their whitened
+    columns X (..., k, d): log det(1 + variance X' X) / 2.
+    """
+    information = columns.swapaxes(-1, -2) @ columns
+    return np.asarray(0.5 * np.linalg.slogdet(np.eye(columns.shape[-1]) + variance * information)[1])
 
 
 def _odds_against(model: OffsetModel, part: MapPart) -> float:
@@ -166,12 +177,12 @@ def _pick_likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, re
     residuals (k,).
     """
     dimension = columns.shape[2]
-    precision = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** -2
-    information = columns.transpose(0, 2, 1) @ columns + precision * np.eye(dimension)
+    variance = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** 2
+    # offset ~ N(0, variance) and residual = X offset + N(0, 1): precision X' X + 1 / variance
+    covariances = np.linalg.inv(columns.transpose(0, 2, 1) @ columns + np.eye(dimension) / variance)
     pulls = residual @ columns
-    covariances = np.linalg.inv(information)
     offsets = (covariances @ pulls[:, :, None])[:, :, 0]
-    prices = 0.5 * np.linalg.slogdet(information / precision)[1] + _odds_against(model, parts[0])
+    prices = _price_of_knowing(columns, variance) + _odds_against(model, parts[0])
     nats = 0.5 * (pulls * offsets).sum(axis=1) - prices
     best = int(np.argmax(nats))
     return Offset(parts[best], offsets[best], covariances[best], float(nats[best]))

@@ -16,8 +16,8 @@ from ...arrays import Array
 from ...geometry.similarity import apply, fit_similarity
 from ...noise.shifted_part import MapShift
 from ...parallel import both, each, once, one_blas_thread
+from ..field.observations import Data
 from ..iteration import State
-from ..observations import Data
 from ..problem import MotionProblem, motion_problem
 from ..result import Iterated, MotionFit
 from .offset_model import Offset, best_offsets, cut_at, offset_model, order_of

@@ -10,9 +10,9 @@ import numpy as np
 from ...arrays import ROUNDING, Array
 from ...geometry.differential import unit_mean, vertex_normals
 from ...noise.contact import contact_density
+from ..field.observations import Data
 from ..fit import settled
 from ..iteration import State
-from ..observations import Data
 from ..problem import MotionProblem
 from ..result import Iterated
 from .offset_model import Offset, OffsetModel, offset_model, order_of, price
@@ -20,8 +20,8 @@ from .offset_model import Offset, OffsetModel, offset_model, order_of, price
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A motion fitted without an offset, and the nats by which both explain the points better than a motion
-    alone.
+    """A trial is a motion fitted without an offset, and the nats by which both explain the points better than
+    a motion alone.
     """
 
     found: Offset

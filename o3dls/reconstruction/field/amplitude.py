@@ -9,8 +9,8 @@ from numba import njit
 from scipy import sparse
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
-from ...motion.kernels import NUGGET
+from ...motion.field.covariance import WORTH
+from ...motion.field.kernels import NUGGET
 from ...parallel import by_rows
 from ..neighbours import SEED, nearest
 from ..settings import AmplitudeSettings, ReconstructionSettings
@@ -22,9 +22,9 @@ from .splines import correlation
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """Deviation (n,) of the field before points are seen, at each of them; the factor on their noise that it
-    goes with; and by how many nats it predicts points better than the moved prior alone, each with the noise
-    that is best for it.
+    """Amplitudes are the deviation (n,) of the field before points are seen, at each of them; the factor on
+    their noise that it goes with; and by how many nats it predicts points better than the moved prior alone,
+    each with the noise that is best for it.
     """
 
     at: Array

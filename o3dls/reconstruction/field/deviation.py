@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from ...arrays import TINY, Array
-from ...motion.covariance import WORTH
+from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 from ..neighbours import nearest
 from .reconstruction import Reconstruction

@@ -20,10 +20,10 @@ NEAREST = 8  # points whose distance tells how much of the wall a point stands f
 
 @dataclass(frozen=True, eq=False)
 class Oriented:
-    """Points of a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places near the
-    wall; by how much each normal may be off (n,) in radians, beyond what is usual; the noise (n,) of each
-    point, the probability (n,) that it touches, and the deviation (n,) of the field there before points are
-    seen.
+    """Oriented points show a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places
+    near the wall; by how much each normal may be off (n,) in radians, beyond what is usual; the noise (n,) of
+    each point, the probability (n,) that it touches, and the deviation (n,) of the field there before points
+    are seen.
 
     Noise moves a point along the normal too: a field that is read where the points are follows it.
     """
@@ -54,8 +54,8 @@ class Oriented:
 
 @dataclass(frozen=True, eq=False)
 class OffSurface:
-    """Places (k, 3) off the wall where phi is known: values (k,), their noise (k,) and weights (k,), and the
-    deviation (k,) of the field beforehand.
+    """These places (k, 3) lie off the wall, where phi is known: values (k,), their noise (k,) and weights
+    (k,), and the deviation (k,) of the field beforehand.
     """
 
     at: Array

@@ -17,7 +17,9 @@ PAD = 3  # nodes around what the box must hold
 
 @dataclass(frozen=True, eq=False)
 class MovedPrior:
-    """psi.T: negative inside, at most `clip` either way, on the nodes (index + low) * spacing of a box."""
+    """The moved prior psi.T is negative inside, at most `clip` either way, on the nodes (index + low) *
+    spacing of a box.
+    """
 
     surface: Surface
     spacing: float

@@ -13,10 +13,10 @@ from .splines import SplineField
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
-    and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
-    distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
-    the mixture of points on the wall and off it; whether the prior is a template.
+    """A reconstruction has a field g on the moved prior, the points that it follows, their noise, how likely
+    (n,) each touches, and by how many nats it predicts points better than the moved prior alone; rms radius
+    of the prior, distance between points, widths of the field's lattices; points (k, 3) that are known to be
+    inside; the mixture of points on the wall and off it; whether the prior is a template.
     """
 
     prior: MovedPrior

@@ -15,8 +15,8 @@ from .splines import SplineField
 
 @dataclass(frozen=True)
 class Scale:
-    """Lengths of a reconstruction: rms radius of the prior, distance between points, spacing of the lattice
-    of phi.
+    """The scale gives the lengths of a reconstruction: rms radius of the prior, distance between points,
+    spacing of the lattice of phi.
     """
 
     radius: float

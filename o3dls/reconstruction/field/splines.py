@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
+from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 
 VARIANCE = 0.55**3  # variance of a field of unit coefficients: the mean square of a spline, per axis
@@ -21,8 +21,8 @@ VARIANCE = 0.55**3  # variance of a field of unit coefficients: the mean square 
 
 @dataclass(frozen=True, eq=False)
 class SplineLattice:
-    """Splines of a width `spacing` next to points: their places in a box that begins at lattice index `low`
-    (3,), as columns, -1 where there is none.
+    """A lattice has splines of a width `spacing` next to points: their places in a box that begins at lattice
+    index `low` (3,), as columns, -1 where there is none.
     """
 
     spacing: float
@@ -66,9 +66,9 @@ class SplineLattice:
 
 @dataclass(frozen=True, eq=False)
 class SplineRows:
-    """The 27 splines next to each of n points, of `count` in all: their columns (n, 27), and values and
-    derivatives (n, 3, 3) by axis and spline. What they make of coefficients: value and gradient, four numbers
-    a point.
+    """Each row has the 27 splines next to one of n points, of `count` in all: their columns (n, 27), and
+    values and derivatives (n, 3, 3) by axis and spline. What they make of coefficients: value and gradient,
+    four numbers a point.
     """
 
     count: int
@@ -99,7 +99,7 @@ class SplineRows:
 
 @dataclass(frozen=True, eq=False)
 class SplineField:
-    """A field: lattices with a coefficient per spline."""
+    """A field has lattices with a coefficient per spline."""
 
     lattices: Sequence[SplineLattice]
     coefficients: Sequence[Array]

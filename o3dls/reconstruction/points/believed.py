@@ -12,7 +12,7 @@ from ...noise.contact import Contact
 
 @dataclass(frozen=True, eq=False)
 class Inside:
-    """Points (k, 3) that are known to be inside only, and their noise (k,)."""
+    """These points (k, 3) are known to be inside only, with their noise (k,)."""
 
     points: Array
     noise: Array
@@ -20,9 +20,9 @@ class Inside:
 
 @dataclass(frozen=True, eq=False)
 class Believed:
-    """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
-    odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior is
-    a template, another person's heart, which may have parts that the patient lacks.
+    """These are points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,)
+    on the odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior
+    is a template, another person's heart, which may have parts that the patient lacks.
     """
 
     points: Array

@@ -8,14 +8,14 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
+from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 
 
 @dataclass(frozen=True, eq=False)
 class DipolePlaces:
-    """Places (m, 3) of dipoles, of which those in a cell are seen as one from a distance of `far` on: their
-    order by cell, the first (cells + 1,) of each in that order, and the cells' middles.
+    """Dipoles stand at these places (m, 3), and those in a cell are seen as one from a distance of `far` on:
+    their order by cell, the first (cells + 1,) of each in that order, and the cells' middles.
     """
 
     places: Array

@@ -17,7 +17,9 @@ from ..shape_settings import HandleSettings
 
 @dataclass(frozen=True, eq=False)
 class PointDensity:
-    """Points (n, 3) with noise `sigma`, seen from level sets on a box of nodes (index + low) * spacing."""
+    """The density is that of points (n, 3) with noise `sigma`, seen from level sets on a box of nodes (index
+    + low) * spacing.
+    """
 
     points: Array
     sigma: float

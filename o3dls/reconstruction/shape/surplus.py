@@ -27,8 +27,8 @@ UNITS = 1000.0  # of capacity in the area of one node, since flows are whole num
 
 @dataclass(frozen=True, eq=False)
 class _Inside:
-    """The nodes of the inside on a coarse lattice (mask): their neighbours (n, 6), -1 where outside is,
-    which are at the wall (n,), which are within reach of points (n,), and which steps lead through points
+    """The nodes of the inside are given on a coarse lattice (mask): their neighbours (n, 6), -1 where outside
+    is, which are at the wall (n,), which are within reach of points (n,), and which steps lead through points
     (n, 6).
     """
 

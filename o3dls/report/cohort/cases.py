@@ -22,7 +22,7 @@ CLOSER, FARTHER, NEITHER = "▼", "▲", "="
 
 @dataclass(frozen=True, eq=False)
 class CaseOfRuns:
-    """One case and its runs that are judged by one set of points."""
+    """A case comes with its runs that are judged by one set of points."""
 
     name: str
     runs: Sequence[Entry]
@@ -60,7 +60,9 @@ def _same_points(a: Array, b: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Runs that are judged by the same set of points, in the same unit: only like is averaged with like."""
+    """A block has runs that are judged by the same set of points, in the same unit: only like is averaged
+    with like.
+    """
 
     group: str
     unit: str

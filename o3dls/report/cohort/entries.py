@@ -18,8 +18,8 @@ MOST_SAID = 6  # differing parameters that are named
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One run: its folder and name, its case, the distances of the estimates that it compares, and what was
-    said of it.
+    """An entry is one run: its folder and name, its case, the distances of the estimates that it compares,
+    and what was said of it.
 
     case_key: equal for runs of one case; group: the set of points it is judged by, None where there is none;
     first, last: what is compared, first is None where there is one estimate alone; measured: positions (n, d)

@@ -16,8 +16,8 @@ from .entries import Entry
 
 
 class Cell(NamedTuple):
-    """What a cell shows, and the number by which its row is put in order, NaN last; None: it is a text, and
-    ordered as one.
+    """A cell has what it shows, and the number by which its row is put in order, NaN last; None: it is a
+    text, and ordered as one.
     """
 
     shown: Child

@@ -21,8 +21,8 @@ STYLES = len(LIGHT)  # colours s0.. and dashes d0.. of report.css
 
 @dataclass(frozen=True)
 class Series:
-    """One line: its name in the legend, its style 0..5, and its corners; points that are not finite break
-    it.
+    """A series is one line: its name in the legend, its style 0..5, and its corners; points that are not
+    finite break it.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """Ends of an axis and its label; `log` for powers of ten."""
+    """An axis has two ends and a label; `log` is for powers of ten."""
 
     label: str
     low: float

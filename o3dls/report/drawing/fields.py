@@ -40,7 +40,7 @@ STEPS = {"lat": 10.0}  # ms between isochrones
 
 @dataclass(frozen=True)
 class Field:
-    """A column of the surfaces with the words and colours it is shown with.
+    """A field is a column of the surfaces with the words and colours it is shown with.
 
     low and high are the ends of its colours; lines of equal value are a step apart, none where it is 0.
     """

@@ -20,8 +20,8 @@ COLOURS = 32  # steps of a colour bar
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A plane that faces a view: its centre (3,), its rows right, up and towards the viewer (3, 3), and the
-    length (mm) of its unit, the radius of what is shown.
+    """A sheet is a plane that faces a view: its centre (3,), its rows right, up and towards the viewer (3,
+    3), and the length (mm) of its unit, the radius of what is shown.
     """
 
     centre: Array

@@ -14,8 +14,10 @@ from ..surfaces.display import decimated
 EDGE_FACES = 4000  # a surface drawn as edges has at most so many: more would hide what is behind
 
 
-def mesh(surface: Surface, colours: Array) -> Any:
-    """Make a triangle mesh with a colour (n, 3) of each vertex."""
+def mesh(surface: Surface, colours: Array, *, lit: bool = True) -> Any:
+    """Make a triangle mesh with a colour (n, 3) of each vertex; one that is not lit has these colours from
+    wherever it is seen.
+    """
     import open3d as o3d
 
     made = o3d.geometry.TriangleMesh(
@@ -23,13 +25,14 @@ def mesh(surface: Surface, colours: Array) -> Any:
         o3d.utility.Vector3iVector(surface.faces.astype(np.int32)),
     )
     made.vertex_colors = o3d.utility.Vector3dVector(colours)
-    made.compute_vertex_normals()
+    if lit:
+        made.compute_vertex_normals()  # without normals Open3D puts no light on it
     return made
 
 
 def plain(surface: Surface, colour: str) -> Any:
-    """Make a triangle mesh in one CSS colour `#rrggbb`."""
-    return mesh(surface, np.tile(rgb(colour), (len(surface.vertices), 1)))
+    """Make a triangle mesh in one CSS colour `#rrggbb`, without light."""
+    return mesh(surface, np.tile(rgb(colour), (len(surface.vertices), 1)), lit=False)
 
 
 def balls(centres: Array, colours: Array) -> Any:

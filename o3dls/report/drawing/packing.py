@@ -14,7 +14,7 @@ Json = dict[str, Any]
 
 
 class Packed(str):
-    """An array as base64, which stands once on the page however often it is used."""
+    """A packed array is base64 that stands once on the page however often it is used."""
 
 
 def once(data: Any, arrays: list[str]) -> Any:

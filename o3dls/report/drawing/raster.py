@@ -14,13 +14,14 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
+FLOOR, INSIDE = 0.85, 0.93  # of the light, and of that on the inner side: colours are read by their lightness
 RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a wall of its own colour
 
 
 @dataclass(frozen=True)
 class View:
-    """Orthographic camera: rows of `axes` are right, up and towards the viewer; `centre` is in the middle,
-    `height` mm fit the picture.
+    """A view is an orthographic camera: rows of `axes` are right, up and towards the viewer; `centre` is in
+    the middle, `height` mm fit the picture.
     """
 
     axes: Array
@@ -33,7 +34,9 @@ class View:
 
 
 class Canvas:
-    """A picture with depth: draw surfaces and balls into it in any order, then take the pixels."""
+    """A canvas is a picture with depth: draw surfaces and balls into it in any order, then take the
+    pixels.
+    """
 
     def __init__(self, view: View, width: int, height: int, background: tuple[float, float, float]) -> None:
         self.view = view
@@ -100,7 +103,8 @@ def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: i
                 depth[y, x] = z
                 towards = u * facing[faces[f, 0]] + v * facing[faces[f, 1]] + w * facing[faces[f, 2]]
                 # rows count down, so a positive area is a face seen from inside
-                light = (0.5 + 0.5 * min(1.0, abs(towards))) * (1.0 if area < 0.0 else 0.7)
+                most = 1.0 if area < 0.0 else INSIDE
+                light = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
                 for k in range(3):
                     picture[y, x, k] = light * (
                         u * colours[faces[f, 0], k]

@@ -20,7 +20,7 @@ STRIP = 34  # above and below them, for the scale bar and the names of the sides
 
 @dataclass(frozen=True)
 class Outline:
-    """Segments (n, 2, 2) of one surface with its name and CSS classes."""
+    """An outline has the segments (n, 2, 2) of one surface with its name and CSS classes."""
 
     name: str
     classes: str
@@ -49,8 +49,8 @@ def _cross_level(a: Array, b: Array, axis: int, level: float) -> Array:
 
 @dataclass(frozen=True)
 class Frame:
-    """What part of a plane is drawn: low and high (2,) corners in a unit, and what lies to the left, to the
-    right, below and above, where that has names.
+    """A frame says what part of a plane is drawn: low and high (2,) corners in a unit, and what lies to the
+    left, to the right, below and above, where that has names.
 
     Frames of one size have one scale, wherever the page shows them in one width.
     """
@@ -151,11 +151,26 @@ def _side_names(frame: Frame) -> list[Html]:
 
 
 def _write_path(segments: Array) -> str:
-    """Write the SVG path of segments (n, 2, 2), joined where one ends where the next begins."""
-    parts = []
-    last = ""
-    for (ax, ay), (bx, by) in segments:
-        start, end = f"{ax:.1f} {ay:.1f}", f"{bx:.1f} {by:.1f}"
-        parts.append(f"L{end}" if start == last else f"M{start}L{end}")
-        last = end
-    return "".join(parts)
+    """Write the SVG path of segments (n, 2, 2), in pixels, as few long lines: dashes begin anew with each."""
+    ends = [[f"{x:.1f} {y:.1f}" for x, y in segment] for segment in segments]
+    at: dict[str, list[int]] = {}
+    for k, (start, end) in enumerate(ends):
+        for place in {start, end} if start != end else ():
+            at.setdefault(place, []).append(k)
+    left = {k for k, (start, end) in enumerate(ends) if start != end}
+    # an open line begins at an end of it, where one segment ends and no other begins
+    first = [k for k in sorted(left) if any(len(at[place]) == 1 for place in ends[k])]
+    lines = [_follow_line(k, ends, at, left) for k in (*first, *sorted(left)) if k in left]
+    return "".join("M" + "L".join(line) for line in lines)
+
+
+def _follow_line(k: int, ends: list[list[str]], at: dict[str, list[int]], left: set[int]) -> list[str]:
+    """Return the places of the line that goes on from a segment, and take its segments out of those left."""
+    start, end = ends[k]
+    line = [end, start] if len(at[end]) == 1 else [start, end]
+    left.discard(k)
+    while (following := next((j for j in at[line[-1]] if j in left), None)) is not None:
+        left.discard(following)
+        a, b = ends[following]
+        line.append(b if a == line[-1] else a)
+    return line

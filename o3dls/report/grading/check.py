@@ -6,13 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Grade = Literal["good", "amber", "bad", "none"]
-WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
+# `even`: there are data, and they speak neither for the surface nor against it
+Grade = Literal["good", "even", "amber", "bad", "none"]
+WORDS: Mapping[Grade, str] = {
+    "good": "OK",
+    "even": "NEUTRAL",
+    "amber": "CHECK",
+    "bad": "FAIL",
+    "none": "NO DATA",
+}
 
 
 @dataclass(frozen=True)
 class Check:
-    """One entry of the strip: what is looked at, how it came out, and why in a sentence and in short."""
+    """A check is one entry of the strip: what is looked at, how it came out, and why in a sentence and in
+    short.
+    """
 
     name: str
     grade: Grade

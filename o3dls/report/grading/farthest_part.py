@@ -15,8 +15,8 @@ from ...geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class FarthestPart:
-    """A connected part of the wall: its share of the area, how far its farthest place is from every point,
-    and that place (3,).
+    """The farthest part is a connected part of the wall: its share of the area, how far its farthest place is
+    from every point, and that place (3,).
     """
 
     share: float

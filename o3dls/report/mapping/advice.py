@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...evaluation.next_places import Advice, Place, suggest
+from ...evaluation.next_places import Advice, Place
 from ...evaluation.regions import word
 from ...evaluation.wall_modes import wall_modes
 from ..subject import Subject
-from .wall_regions import landmarks_in_map, wall_regions
+from .wall_regions import advised, landmarks_in_map, wall_regions
 
 SHOWN = 3  # places in the report
 HEAD = (
@@ -29,8 +29,8 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Located:
-    """A place with its region (empty where regions are not known), and the nearest landmark with its distance
-    (empty and None where there is none).
+    """A located place has its region (empty where regions are not known), and the nearest landmark with its
+    distance (empty and None where there is none).
     """
 
     place: Place
@@ -72,12 +72,12 @@ def shown_advice(subject: Subject) -> Advice | None:
     estimate = subject.last.estimate
     if wall_modes(subject.case.prior, estimate.motion) is None:
         return None
-    return suggest(subject.case, estimate, SHOWN)
+    return advised(subject.case, estimate, SHOWN)
 
 
 def advice(subject: Subject, k: int, reachable: NDArray[np.bool_] | None = None) -> Advice:
     """Choose places for one more point by the last estimate. Raises InputError as `suggest`."""
-    return suggest(subject.case, subject.last.estimate, k, reachable=reachable)
+    return advised(subject.case, subject.last.estimate, k, reachable)
 
 
 def located(subject: Subject, found: Advice) -> list[Located]:

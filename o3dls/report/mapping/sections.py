@@ -20,7 +20,8 @@ MEANING = (
     "are places of the wall where one more mapping point would reduce the uncertainty most, by "
     "the posterior of the motion; each place takes those before it into account. This is an expectation from "
     "the prior, the points and their noise, not a measurement. The posterior cannot tell whether a catheter "
-    "can reach a place, or whether it is wall or mitral valve. For research only; not advice for a procedure."
+    "can reach a place. No place is in the mitral valve where a landmark names that, and each vein or "
+    "appendage without a point has one. For research only; not advice for a procedure."
 )
 
 

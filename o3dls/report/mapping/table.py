@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...io.table import read_table
 from ..subject import Subject, read_subject
-from .advice import HEAD, Located, advice, located
+from .advice import Located, advice, located
 
+WIDTH = 80
 NOTICE = "What the posterior expects, not what will be found. Research use only; not advice for a procedure."
 
 
@@ -47,13 +49,20 @@ def _read_mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
 
 
 def _write_text(subject: Subject, places: list[Located], ended: str) -> str:
-    case = subject.case
-    title = (
-        f"{case.name}: where to map next, {subject.last.name}; {subject.unit}, frame of the map: {case.frame}"
+    """Write lines that a terminal of 80 columns holds."""
+    case, unit = subject.case, subject.unit
+    title = f"{case.name}: where to map next, {subject.last.name}; {unit}, frame of the map: {case.frame}"
+    lines = [title]
+    for k, one in enumerate(places, 1):
+        at, where, gap, around, around_after, wall, wall_after = one.cells()
+        lines += [
+            f"{k}  {where}, at ({at})",
+            f"   error around {around} -> {around_after} {unit}, of the wall {wall} -> {wall_after} {unit}; "
+            f"nearest point {gap} {unit}",
+        ]
+    return "\n".join(
+        fill(line, WIDTH, subsequent_indent="   ")
+        if line.startswith(" ") or line[:1].isdigit()
+        else fill(line, WIDTH)
+        for line in [*lines, *([ended] if ended else []), NOTICE]
     )
-    rows = [["", *HEAD], *([str(k + 1), *one.cells()] for k, one in enumerate(places))]
-    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
-    return "\n".join([title, *(lines if places else []), *([ended] if ended else []), NOTICE])

@@ -21,7 +21,7 @@ OFF_POLE = 0.002  # a view along the body is tilted by so much, so that what is 
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Unit directions (3,) in the map frame, at right angles, and what they are known by.
+    """An orientation has unit directions (3,) in the map frame, at right angles, and what they are known by.
 
     They are the patient's left and front and up, or, where `patient` is false, the prior's x, -y and z.
     """

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
+from ...case import Case
+from ...estimate import Estimate
 from ...evaluation.distances import moved
-from ...evaluation.regions import regions
+from ...evaluation.next_places import Advice, suggest
+from ...evaluation.regions import regions, unvisited, valve_of
 from ...geometry.surface import Surface
 from ...registration.landmark_names import partners
 from ..subject import Subject
@@ -19,19 +23,38 @@ FIELD = "region"
 
 
 def landmarks_in_map(subject: Subject) -> dict[str, Array]:
-    """Return named places (3,) in the map: as marked there, and those of the prior alone where the last
-    estimate brings them.
+    """Return named places (3,) in the map by the last estimate."""
+    return named_places(subject.case, subject.last.estimate)
+
+
+def named_places(case: Case, estimate: Estimate) -> dict[str, Array]:
+    """Return named places (3,) in the map: as marked there, and those of the prior alone where an estimate
+    brings them.
     """
-    case = subject.case
     marks = case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", ())]
     paired = partners(list(case.prior_landmarks), names)
     prior = [name for k, name in enumerate(case.prior_landmarks) if k not in paired]
     found = dict(zip(names, marks.xyz, strict=True))
     if prior:
-        at = moved(subject.last.estimate, np.array([case.prior_landmarks[name] for name in prior]))
+        at = moved(estimate, np.array([case.prior_landmarks[name] for name in prior]))
         found = dict(zip(prior, at, strict=True)) | found
     return found
+
+
+def advised(case: Case, estimate: Estimate, k: int, reachable: NDArray[np.bool_] | None = None) -> Advice:
+    """Choose at most k places for one more point, with landmarks taken for what they are: none in the mitral
+    valve, which is no wall, and one in each vein or appendage that has no point. Raises InputError as
+    `suggest`.
+    """
+    surface = estimate.surface
+    if case.dimension == 2 or case.units != "mm":
+        return suggest(case, estimate, k, reachable=reachable)
+    places = named_places(case, estimate)
+    wall = ~valve_of(surface, places)
+    parts = unvisited(surface, places, estimate.corrected(case).points.of("eam").xyz)
+    allowed = wall if reachable is None else wall & reachable
+    return suggest(case, estimate, k, reachable=allowed, unvisited=parts)
 
 
 def wall_regions(subject: Subject, surface: Surface) -> Ints | None:

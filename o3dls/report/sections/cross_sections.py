@@ -26,8 +26,8 @@ Named = dict[str, tuple[str, Surface]]  # CSS classes and surface by name, in th
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One plane: its title, the rows right, up and across (3, 3) of its axes, its level across, and what lies
-    to the left, to the right, below and above.
+    """A cut is made along one plane: its title, the rows right, up and across (3, 3) of its axes, its level
+    across, and what lies to the left, to the right, below and above.
     """
 
     title: str

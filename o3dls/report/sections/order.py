@@ -30,7 +30,7 @@ def picture_section(subject: Subject) -> Section | None:
     if subject.case.dimension == 2:
         return None
     shapes = (
-        "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged "
+        "Discs: eam points; squares: ablation points; diamonds: fitted points that were judged "
         "outliers. Grey: no value."
     )
     seen = orientation(subject)

@@ -32,9 +32,12 @@ def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
 
 
 def _count_passed(found: Sequence[Check]) -> str:
-    """Say how many checks passed, and how many had no data: a check without data proves nothing."""
-    without = sum(one.grade == "none" for one in found)
-    return f"{len(found) - without} checks passed" + (f", {without} without data" if without else "")
+    """Say how many checks passed, and how many did not: one that found no difference, or no data, proves
+    nothing.
+    """
+    grades = [one.grade for one in found]
+    kinds = (("good", "{} checks passed"), ("even", "{} neutral"), ("none", "{} without data"))
+    return ", ".join(text.format(grades.count(kind)) for kind, text in kinds if kind in grades)
 
 
 def _shorten_warnings(warnings: Sequence[str]) -> Html | None:

@@ -12,6 +12,7 @@ from ..markup import Child, Html, join, millimetres, signed, table, tag
 from ..section import Section
 from ..shape_words import FLAT, ShapeWords, words_of
 from ..subject import SETS, Result, Subject
+from ..surfaces.given import before_stages
 
 SEEN = ("landmarks", "fitted")  # these sets were fitted, so a small distance proves nothing: they stand last
 DIGITS = 2
@@ -46,7 +47,8 @@ def score_section(subject: Subject) -> Section:
 
 def labelled(result: Result) -> str:
     """Name an estimate, and say what it stands for where it is no stage."""
-    return f"{result.name} (before registration)" if result.key == "start" else result.name
+    meaning = before_stages(result.run).get(result.key)
+    return f"{result.name} ({meaning})" if meaning else result.name
 
 
 def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:

@@ -54,7 +54,23 @@ function colourPanel(panel) {
   const { field } = settings;
   const data = field && scene.meshes[panel.mesh].fields[field.key];
   setAttribute(panel.geometry, "value", data);
-  panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
+  noteColour(panel);
+}
+
+function noteColour(panel) {
+  const { field } = settings;
+  const data = field && scene.meshes[panel.mesh].fields[field.key];
+  panel.note.textContent = field && !data ? `no ${field.label} here ` : panel.caption;
+  if (field && !data) offerInstead(panel, field);
+}
+
+// Instead of a grey picture: the last estimate that has the colour and is not shown, or the other pictures alone, which are larger then.
+function offerInstead(panel, { key }) {
+  const taken = panels.filter(({ shown }) => shown).map(({ estimate }) => estimate);
+  const has = (k) => key in scene.meshes[scene.estimates[k].mesh].fields;
+  const other = [...scene.estimates.keys()].reverse().find((k) => has(k) && !taken.includes(k));
+  if (other !== undefined) button(panel.note, `Show ${scene.estimates[other].name}`, () => showEstimate(panel, other));
+  if (panel.switch && taken.some(has)) button(panel.note, "One large picture", () => panel.switch.querySelector("input").click());
 }
 
 function paintField(field) {

@@ -14,6 +14,7 @@ function estimateSelect(panel) {
 function showEstimate(panel, k) {
   setEstimate(panel, k);
   colourPanel(panel);
+  panels.forEach(noteColour); // what others offer may be shown now
   showRegions(settings.field);
   listWorst();
   cut(); // its contours, its legend and the points

@@ -1,4 +1,4 @@
-// What a panel shows at a place of its canvas: one ray along the view, against its triangles and its balls.
+// What a panel shows at a place of its canvas: one ray along the view, against its triangles and its points.
 
 function rayAt({ canvas }, { clientX, clientY }) {
   const box = canvas.getBoundingClientRect();
@@ -42,14 +42,13 @@ function hitSurface({ geometry }, ray) {
   return nearest;
 }
 
-// The nearest ball under the ray that the wall, at a depth, does not hide; undefined where there is none.
-function hitPoint({ rows }, ray, depth) {
-  const { size } = shapesNow();
-  const reach = 1.3 * size; // a little beside a small ball still means it
+// The nearest drawn point under the ray that the wall, at a depth, does not hide; undefined where there is none.
+function hitPoint(panel, ray, depth) {
+  const reach = (1.3 * RADIUS * (camera.top - camera.bottom)) / (camera.zoom * panel.canvas.clientHeight); // a little beside a small one still means it
   const flat = besideRay(cloud.positions, ray);
   const depthOf = (i) => placeOf(i).sub(ray.origin).dot(ray.forward);
-  return rows
-    .filter((i) => Math.hypot(flat[2 * i], flat[2 * i + 1]) < reach && depthOf(i) - size < depth)
+  return panel.rows
+    .filter((i) => Math.hypot(flat[2 * i], flat[2 * i + 1]) < reach && rankOf(panel, i) <= panel.share && depthOf(i) - marks.lift.value < depth)
     .sort((i, j) => depthOf(i) - depthOf(j))[0];
 }
 

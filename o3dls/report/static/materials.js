@@ -1,4 +1,4 @@
-// How surfaces and balls are painted: one table of colours, a light at the camera, a cut plane, and grey or hatching where nothing is known.
+// How surfaces and points are painted: one table of colours, a light at the camera, a cut plane, and grey or hatching where nothing is known.
 
 const VERTEX = `
   attribute float value;
@@ -16,7 +16,10 @@ const VERTEX = `
     gl_Position = projectionMatrix * viewMatrix * vec4(vPosition, 1.0);
   }`;
 
+// Colours are read by their lightness, so light takes little of it, as raster.py does: a dark line where the wall turns away shows the shape.
 const FRAGMENT = `
+  #define FLOOR 0.85
+  #define INSIDE_LIGHT 0.93
   uniform sampler2D colours;
   uniform vec2 range;
   uniform vec3 plain;
@@ -46,31 +49,46 @@ const FRAGMENT = `
     bool line = wide < 0.4 && abs(fract(count + 0.5) - 0.5) < 0.8 * wide;
     if (mapped && isochrones > 0.0 && vValue > -1e20 && line) colour = vec3(0.08);
     if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(0.72), 0.8);
-    if (!gl_FrontFacing) colour = mix(colour, vec3(0.35), 0.35);
+    float lit = 1.0 - (1.0 - facing) * (1.0 - facing);
+    float light = mix(FLOOR, gl_FrontFacing ? 1.0 : INSIDE_LIGHT, lit);
+    float steep = facing / max(fwidth(facing), 1e-6); // pixels to where the wall turns away
+    float edge = gl_FrontFacing ? 1.0 - smoothstep(0.5, 1.5, steep) : 0.0;
     float rim = pow(1.0 - facing, 3.0);
-    gl_FragColor = vec4(colour * (0.5 + 0.5 * facing), mix(opacity, 1.0, opacity < 1.0 ? 0.6 * rim : 1.0));
+    gl_FragColor = vec4(mix(colour * light, vec3(0.12), 0.8 * edge), mix(opacity, 1.0, opacity < 1.0 ? 0.6 * rim : 1.0));
   }`;
 
-const BALL_VERTEX = `
+// A point is a flat mark that faces the viewer and has one size on the screen. `form`: 0 is round, 1 a square, 2 a diamond.
+const MARK_VERTEX = `
   attribute vec3 tint;
-  varying vec3 vNormal;
+  attribute float form;
+  attribute float rank; // of those that are drawn where all would lie over each other
+  uniform vec4 screen;
+  uniform float radius; // both in pixels
+  uniform float share;
+  uniform float lift; // towards the viewer: a mark on the wall is not half sunk into it
   varying vec3 vTint;
   varying vec2 vBeside;
+  varying float vForm;
   void main() {
-    vNormal = normalMatrix * normal;
     vTint = tint;
-    vBeside = (mat3(modelViewMatrix) * position).xy;
-    gl_Position = projectionMatrix * modelViewMatrix * instanceMatrix * vec4(position, 1.0);
+    vForm = form;
+    vBeside = position.xy;
+    vec4 centre = projectionMatrix * (modelViewMatrix * instanceMatrix * vec4(0.0, 0.0, 0.0, 1.0) + vec4(0.0, 0.0, lift, 0.0));
+    gl_Position = rank > share ? vec4(2.0, 2.0, 2.0, 1.0) : centre + vec4((form > 1.5 ? 2.6 : 2.0) * radius * position.xy / screen.xy, 0.0, 0.0);
   }`;
 
-const BALL_FRAGMENT = `
-  varying vec3 vNormal;
+const MARK_FRAGMENT = `
   varying vec3 vTint;
   varying vec2 vBeside;
-  uniform float rim; // from so far beside the centre the ball is white
+  varying float vForm;
   void main() {
-    vec3 colour = vTint * (0.45 + 0.55 * abs(normalize(vNormal).z));
-    gl_FragColor = vec4(length(vBeside) > rim ? vec3(1.0) : colour, 1.0);
+    vec2 at = abs(vBeside);
+    float beyond = vForm < 0.5 ? length(at) : vForm < 1.5 ? 1.15 * max(at.x, at.y) : at.x + at.y;
+    float soft = 0.35 * fwidth(beyond);
+    float inside = 1.0 - smoothstep(1.0 - 2.0 * soft, 1.0, beyond);
+    if (inside < 0.1) discard;
+    vec3 rim = mix(vec3(1.0), vec3(0.25), smoothstep(0.92 - soft, 0.92 + soft, beyond)); // seen on a wall of any colour
+    gl_FragColor = vec4(mix(vTint, rim, smoothstep(0.56 - soft, 0.56 + soft, beyond)), inside);
   }`;
 
 function colourTexture(name) {
@@ -107,7 +125,9 @@ function surfaceMaterial(side, uniforms = {}) {
   });
 }
 
-const ballMaterial = (rim) => new THREE.ShaderMaterial({ vertexShader: BALL_VERTEX, fragmentShader: BALL_FRAGMENT, uniforms: { rim: { value: rim } } });
+// Pixels of the pictures and what depends on them; set before each is drawn.
+const marks = { screen: { value: new THREE.Vector4() }, radius: { value: 1 }, share: { value: 1 }, lift: { value: 1.2 } };
+const markMaterial = new THREE.ShaderMaterial({ vertexShader: MARK_VERTEX, fragmentShader: MARK_FRAGMENT, uniforms: marks, transparent: true });
 
 // The colour of a value in a map, as [r, g, b] in 0..1.
 function colourOf(map, value, low, high) {

@@ -29,7 +29,8 @@ function drawContour({ colour, dash, segments }, context, width, height, ratio) 
   context.setLineDash(dash.map((n) => n * ratio));
   context.beginPath();
   for (let i = 0; i < segments.length; i += 6) {
-    context.moveTo(...project(segments[i], segments[i + 1], segments[i + 2], width, height));
+    const goesOn = i > 0 && [0, 1, 2].every((k) => segments[i + k] === segments[i + k - 3]);
+    if (!goesOn) context.moveTo(...project(segments[i], segments[i + 1], segments[i + 2], width, height));
     context.lineTo(...project(segments[i + 3], segments[i + 4], segments[i + 5], width, height));
   }
   context.stroke();
@@ -93,7 +94,7 @@ function drawScaleBar(context, width, height, ratio, ink) {
   context.textAlign = "start";
 }
 
-// Where a plane (normal and height) meets a mesh: one segment per triangle that it crosses.
+// Where a plane (normal and height) meets a mesh: one segment per triangle that it crosses, in the order of the lines that they make.
 function sliceMesh(geometry, matrix, plane) {
   const position = geometry.getAttribute("position");
   const index = geometry.index.array;
@@ -101,17 +102,39 @@ function sliceMesh(geometry, matrix, plane) {
   if (matrix) new THREE.BufferAttribute(at, 3).applyMatrix4(matrix);
   const above = new Float32Array(position.count);
   for (let i = 0; i < above.length; i++) above[i] = plane.x * at[3 * i] + plane.y * at[3 * i + 1] + plane.z * at[3 * i + 2] - plane.w;
-  const out = [];
+  const segments = []; // of each the two edges that it ends at, by a number, and where
   for (let f = 0; f < index.length; f += 3) {
-    const cut = [];
+    const found = { edges: [], places: [] };
     for (let k = 0; k < 3; k++) {
       const a = index[f + k], b = index[f + ((k + 1) % 3)];
       const ha = above[a], hb = above[b];
       if (ha < 0 === hb < 0) continue;
       const t = ha / (ha - hb);
-      for (let c = 0; c < 3; c++) cut.push(at[3 * a + c] + t * (at[3 * b + c] - at[3 * a + c]));
+      found.edges.push(Math.min(a, b) * position.count + Math.max(a, b));
+      found.places.push([0, 1, 2].map((c) => at[3 * a + c] + t * (at[3 * b + c] - at[3 * a + c])));
     }
-    if (cut.length === 6) out.push(...cut);
+    if (found.edges.length === 2) segments.push(found);
   }
-  return Float32Array.from(out);
+  return Float32Array.from(inLines(segments));
+}
+
+// The segments, each where the one before it ends as far as there is one: dashes go on over joints.
+function inLines(segments) {
+  const at = new Map();
+  segments.forEach((one) => one.edges.forEach((edge) => at.set(edge, [...(at.get(edge) ?? []), one])));
+  const left = new Set(segments);
+  const out = [];
+  const begins = segments.filter(({ edges }) => edges.some((edge) => at.get(edge).length === 1));
+  for (const first of [...begins, ...segments]) {
+    if (!left.has(first)) continue;
+    let [one, from] = [first, at.get(first.edges[1]).length === 1 ? 1 : 0];
+    while (one) {
+      left.delete(one);
+      out.push(...one.places[from], ...one.places[1 - from]);
+      const edge = one.edges[1 - from];
+      one = at.get(edge).find((other) => left.has(other));
+      if (one) from = one.edges[0] === edge ? 0 : 1;
+    }
+  }
+  return out;
 }

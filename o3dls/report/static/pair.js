@@ -20,8 +20,7 @@ function fillPair() {
     scene.estimates.forEach(({ name }, index) => option(select, index, name));
     select.addEventListener("change", choosePair);
   }
-  const start = scene.estimates.findIndex(({ name }) => name === "start" || name.endsWith(" · start"));
-  $("pair-left").value = start < 0 ? 0 : start;
+  $("pair-left").value = 0; // the pose before registration
   $("pair-right").value = panels[panels.length - 1].estimate;
   $("pair").addEventListener("click", () => setPair(!pair.on));
   $("flicker").addEventListener("click", () => setFlicker(!pair.flicker));
@@ -51,18 +50,8 @@ function setPair(on) {
 function choosePair() {
   pairPanels().forEach((panel, k) => setEstimate(panel, Number([$("pair-left"), $("pair-right")][k].value)));
   repaint();
-  camera.zoom = Math.min(camera.zoom, scene.radius / Math.max(scene.radius, ...pairPanels().map(farthest)));
+  keepWhole();
   moveDivider(pair.split);
-}
-
-// How far the surface of a panel reaches from where the camera looks.
-function farthest({ geometry }) {
-  const { array } = geometry.getAttribute("position");
-  let most = 0;
-  for (let i = 0; i < array.length; i += 3) {
-    most = Math.max(most, Math.hypot(array[i] - target.x, array[i + 1] - target.y, array[i + 2] - target.z));
-  }
-  return most;
 }
 
 // The colours keep their ends.

@@ -39,7 +39,7 @@ function makePanel(estimate, index) {
   const sides = [THREE.BackSide, THREE.FrontSide].map((side) => new THREE.Mesh(geometryOf(scene.estimates[estimate].mesh), surfaceMaterial(side)));
   sides.forEach((mesh) => world.add(mesh));
   const ghosts = Object.fromEntries(Object.entries(scene.estimates[estimate].ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world)]));
-  const panel = { index, figure, canvas, note, world, sides, ghosts, balls: [], rows: [], shown: true };
+  const panel = { index, figure, canvas, note, world, sides, ghosts, marks: [], rows: [], share: 1, shown: true };
   setEstimate(panel, estimate);
   caption.append(estimateSelect(panel), note);
   connect(panel);
@@ -92,7 +92,7 @@ function lookFrom(direction) {
 }
 
 function resetView() {
-  target.set(...scene.centre);
+  frameSurfaces();
   camera.zoom = 1;
   lookFrom(scene.views[0].from);
 }
@@ -123,6 +123,7 @@ function drawAll(size = sizeOnScreen) {
     if (!width || !height) continue;
     fitCamera(width / height);
     if (renderer.domElement.width !== width || renderer.domElement.height !== height) renderer.setSize(width, height, false);
+    sizeMarks(panel, width, height, ratio);
     renderer.render(panel.world, camera);
     panel.calls = renderer.info.render.calls;
     if (panel.canvas.width !== width || panel.canvas.height !== height) Object.assign(panel.canvas, { width, height });
@@ -132,14 +133,16 @@ function drawAll(size = sizeOnScreen) {
     drawOverlay(panel, context, ratio);
   }
   document.documentElement.dataset.drawCalls = JSON.stringify(shown.map((panel) => panel.calls));
+  noteThinned(shown);
   showView();
   findHidden();
   noteState();
 }
 
 function fitCamera(aspect) {
-  const half = scene.radius * 1.02 * Math.max(1, 1 / aspect);
+  const half = Math.max(frame.tall, frame.wide / aspect) / FILLED;
   Object.assign(camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
   camera.updateProjectionMatrix();
   camera.updateMatrixWorld();
+  host.dataset.tall = (2 * half) / camera.zoom; // height of a picture in the case's unit
 }

@@ -1,4 +1,4 @@
-// Measured points: balls (fitted; grey those inside), cubes (ablation) and diamonds (judged outliers), coloured by their own value where the chosen field was measured, else by their distance to the panel's surface.
+// Measured points: discs (fitted; grey those inside), squares (ablation) and diamonds (judged outliers), coloured by their own value where the chosen field was measured, else by their distance to the panel's surface.
 
 const cloud = {
   positions: unpackPositions(scene.points.positions),
@@ -12,36 +12,45 @@ const cloud = {
 const OUTLIER = [0.8, 0.2, 0.6], INSIDE = [0.55, 0.55, 0.55]; // no wall: their distance from it is no error
 const SLAB = 3; // mm beside the cut within which points stay
 
-const FEW = 100, MANY = 2000; // more points have coarser balls, and many smaller ones
-const [smooth, fine, coarse] = [makeShapes(1.2, 2), makeShapes(1.2, 1), makeShapes(0.7, 0)];
-const shapesNow = () => (cloud.kinds.length > MANY ? coarse : cloud.kinds.length > FEW ? fine : smooth);
-
-function makeShapes(size, detail) {
-  return {
-    size,
-    ball: { geometry: new THREE.IcosahedronGeometry(size, detail), material: ballMaterial(0.76 * size) },
-    cube: { geometry: new THREE.BoxGeometry(1.6 * size, 1.6 * size, 1.6 * size), material: ballMaterial(0.8 * size) },
-    diamond: { geometry: new THREE.OctahedronGeometry(1.4 * size), material: ballMaterial(0.9 * size) },
-  };
-}
+const FORMS = { disc: 0, square: 1, diamond: 2 };
+const RADIUS = 5.5; // pixels of the screen, however far one zooms
+const CROWDED = 0.35; // share of a picture that points may cover; where they are more, some of them are drawn
+const GOLDEN = 0.6180339887;
 
 function paintPoints(panel, settings) {
-  for (const mesh of panel.balls) {
+  for (const mesh of panel.marks) {
     panel.world.remove(mesh);
     mesh.geometry.dispose();
     mesh.dispose();
   }
-  const rows = { ball: [], cube: [], diamond: [] };
-  for (let i = 0; i < cloud.kinds.length; i++) {
-    const kind = scene.points.names[cloud.kinds[i]];
-    const outlier = cloud.outliers[panel.estimate][i] === 1;
-    if (!settings.kinds[kind] || !beside(i)) continue;
-    if (outlier && !settings.kinds.outliers) continue;
-    rows[outlier ? "diamond" : kind === "ablation" ? "cube" : "ball"].push(i);
-  }
-  panel.rows = Object.values(rows).flat();
-  panel.balls = Object.entries(rows).filter(([, list]) => list.length).map(([shape, list]) => instances(panel, settings, shape, list));
-  panel.balls.forEach((mesh) => panel.world.add(mesh));
+  panel.rows = [...cloud.kinds.keys()].filter((i) => settings.kinds[kindOf(i)] && beside(i) && (settings.kinds.outliers || !isOutlier(panel, i)));
+  panel.marks = panel.rows.length ? [instances(panel, settings, panel.rows)] : [];
+  panel.marks.forEach((mesh) => panel.world.add(mesh));
+}
+
+const isOutlier = (panel, i) => cloud.outliers[panel.estimate][i] === 1;
+const formOf = (panel, i) => (isOutlier(panel, i) ? FORMS.diamond : kindOf(i) === "ablation" ? FORMS.square : FORMS.disc);
+
+// Spread over the order in which they were taken; an outlier is always drawn.
+const rankOf = (panel, i) => (isOutlier(panel, i) ? 0 : (i * GOLDEN) % 1);
+
+// The share of a panel's points that finds room; all of them where one has zoomed in.
+function shareOf({ rows }, width, height, ratio) {
+  const room = (CROWDED * width * height * camera.zoom ** 2) / (2 * RADIUS * ratio) ** 2;
+  return Math.min(1, room / Math.max(rows.length, 1));
+}
+
+function sizeMarks(panel, width, height, ratio) {
+  marks.screen.value.set(width, height, 0, 0);
+  marks.radius.value = RADIUS * ratio;
+  marks.share.value = panel.share = shareOf(panel, width, height, ratio);
+}
+
+// Says so where not all points are drawn.
+function noteThinned(shown) {
+  const few = shown.find(({ share }) => share < 1);
+  $("thinned").hidden = !few;
+  if (few) $("thinned").textContent = `about ${Math.round(few.share * few.rows.length)} of ${few.rows.length} points are drawn: zoom in for more`;
 }
 
 function beside(i) {
@@ -50,17 +59,18 @@ function beside(i) {
   return (x === 0 && y === 0 && z === 0) || Math.abs(height) < SLAB;
 }
 
-function instances(panel, settings, shape, rows) {
-  const { geometry: form, material } = shapesNow()[shape];
-  const geometry = form.clone();
-  const tint = new Float32Array(3 * rows.length);
-  const mesh = new THREE.InstancedMesh(geometry, material, rows.length);
+// A square of two triangles, of which MARK_FRAGMENT cuts the form.
+function instances(panel, settings, rows) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0]), 3));
+  geometry.setIndex([0, 1, 2, 0, 2, 3]);
+  const mesh = new THREE.InstancedMesh(geometry, markMaterial, rows.length);
   const place = new THREE.Matrix4();
-  rows.forEach((i, k) => {
-    mesh.setMatrixAt(k, place.makeTranslation(...cloud.positions.subarray(3 * i, 3 * i + 3)));
-    tint.set(shape === "diamond" ? OUTLIER : pointColour(panel, settings, i), 3 * k);
-  });
-  geometry.setAttribute("tint", new THREE.InstancedBufferAttribute(tint, 3));
+  rows.forEach((i, k) => mesh.setMatrixAt(k, place.makeTranslation(...cloud.positions.subarray(3 * i, 3 * i + 3))));
+  const own = (name, size, of) => geometry.setAttribute(name, new THREE.InstancedBufferAttribute(Float32Array.from(rows.flatMap(of)), size));
+  own("tint", 3, (i) => (isOutlier(panel, i) ? OUTLIER : [...pointColour(panel, settings, i)]));
+  own("form", 1, (i) => formOf(panel, i));
+  own("rank", 1, (i) => rankOf(panel, i));
   mesh.frustumCulled = false;
   return mesh;
 }

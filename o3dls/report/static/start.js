@@ -3,7 +3,7 @@
 function fillToolbar() {
   scene.fields.forEach(({ key, label }) => option($("field"), key, label));
   option($("field"), "", "no colour");
-  scene.views.forEach(({ name, from }) => button($("views"), name, () => lookFrom(from)));
+  scene.views.forEach(({ name, from }) => button($("views"), name, () => { lookFrom(from); keepWhole(); }));
   button($("reset"), "Reset", resetView);
   $("views-by").textContent = `(by the ${scene.viewsBy})`;
   if (!scene.patient) $("torso").remove();
@@ -19,6 +19,7 @@ function fillToolbar() {
 function showPanel(panel, on) {
   panel.shown = on;
   panel.figure.hidden = !on;
+  panels.forEach(noteColour);
   cut();
 }
 

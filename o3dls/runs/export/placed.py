@@ -24,7 +24,7 @@ On = Literal["map", "prior"]
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A surface with its fields and the run's points, in one frame (LPS, RAS or unknown).
+    """A placed surface has its fields and the run's points, in one frame (LPS, RAS or unknown).
 
     pose (4, 4) is `T_map_prior` on the map; on the prior its inverse, which moves the map onto the image.
     """

@@ -27,7 +27,7 @@ LEAST = 2.0 / TABLE_SIZE
 
 @dataclass(frozen=True)
 class Mapped:
-    """One field brought to [0, 1].
+    """A mapped field is one that was brought to [0, 1].
 
     `meaning` says how, for a sidecar, since the file itself loses the unit; `notes` are sentences on what a
     reader of the file would not expect; `missing` is whether 0 stands for no value.

@@ -20,7 +20,7 @@ ATTRIBUTE_HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class CartoMesh:
-    """Everything that a .mesh file says, in its own terms.
+    """This is everything that a .mesh file says, in its own terms.
 
     Hidden triangles have groups below 0; colours (n, k) hold CARTO's own missing values. Colours have one
     column more than names, which has no name and is kept. Attribute headings are the comment lines of their

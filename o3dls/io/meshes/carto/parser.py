@@ -57,7 +57,7 @@ def parse(path: Path, data: bytes) -> CartoMesh:
 
 @dataclass(frozen=True)
 class Section:
-    """Text of a section below its heading, and the line where that begins."""
+    """A section has the text below its heading, and the number of the line where that begins."""
 
     text: str
     line: int

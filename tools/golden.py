@@ -1,8 +1,8 @@
-"""Whether a change of the program leaves results as they are: python -m benchmarks.golden FOLDER... --out OUT
+"""Whether a change of the program leaves results as they are: python tools/golden.py FOLDER... --out OUT
 
-    python -m benchmarks.golden ../shared/data/phantom ../shared/data/real cases/cross --out before
-    python -m benchmarks.golden ../shared/data/phantom ../shared/data/real cases/cross --out after
-    python -m benchmarks.golden --compare before after --within 1e-9
+    python tools/golden.py ../shared/data/phantom ../shared/data/real cases/cross --out before
+    python tools/golden.py ../shared/data/phantom ../shared/data/real cases/cross --out after
+    python tools/golden.py --compare before after --within 1e-9
 
 Every case is run as `o3dls run` runs it, without folds. Of each estimate its surface is kept, and in words
 what was decided: status, warnings, validity. The comparison prints, by case, the largest distance between
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks.cases import Listed, find
 
 Record = dict[str, Any]
@@ -72,7 +73,7 @@ def compared(before: Path, after: Path, within: float) -> tuple[str, bool]:
     return line, same
 
 
-def _arguments() -> argparse.Namespace:
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -84,7 +85,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def main() -> int:
-    arguments = _arguments()
+    arguments = _parse_arguments()
     if arguments.compare:
         before, after = arguments.compare
         paths = sorted(path for path in before.glob("*.npz") if (after / path.name).is_file())

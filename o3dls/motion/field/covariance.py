@@ -16,9 +16,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
-from ..geometry import twist as pose
-from ..parallel import by_rows
+from ...arrays import Array
+from ...geometry import twist as pose
+from ...parallel import by_rows
 from .kernels import add_correlated, add_covariance, kriging_weights, matern
 
 WORTH = 500  # places that are worth a thread
@@ -26,8 +26,8 @@ WORTH = 500  # places that are worth a thread
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal,
-    bend, strain, anchors.
+    """A covariance has the components of the motion field's; their standard deviations come as one array:
+    vector, normal, bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a
     length), rotation (rad) and scale; vector and normal are correlation lengths; a bend is measured by how
@@ -102,8 +102,8 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Observed:
-    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D
-    has no field along it); and the covariance's features there, if they are at hand.
+    """These are linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N
+    (zero where D has no field along it), and the covariance's features there, if they are at hand.
     """
 
     at: Array
@@ -114,8 +114,8 @@ class Observed:
 
 @dataclass(frozen=True)
 class Places:
-    """Places on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to move;
-    features as in `Observed`.
+    """Places lie on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to
+    move; features as in `Observed`.
     """
 
     at: Array
@@ -138,41 +138,49 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     return fixed, parts + wholes
 
 
-def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, places: Places) -> Array:
-    """Return the field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
-    whole = np.zeros(places.at.size)
-    for sd, here, there in zip(
-        cov.whole_sds(sds), _features_at(cov, places), _observe_features(cov, obs), strict=True
-    ):
-        whole += here.reshape(-1, here.shape[2]) @ (sd**2 * (alpha @ there))
-    lengths, variances = cov.smooth(sds)
-    smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
-    pulls = np.ascontiguousarray(np.swapaxes(alpha[:, None] * _pull_on_fields(obs, variances), 1, 2))
-    by_rows(add_correlated, WORTH, (places.at, smooth), obs.at, lengths, pulls)
-    return np.asarray(whole.reshape(places.at.shape) + smooth[:, :-1] + smooth[:, -1:] * places.normals)
+@dataclass(frozen=True, eq=False)
+class FieldPrior:
+    """The field before any point is seen: a covariance with the standard deviations of its components."""
 
+    covariance: Covariance
+    sds: Array
 
-def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
-    """Return the covariance (n, m) between two sets of observations."""
-    seen = _observe_features(cov, a)
-    left = np.hstack([sd**2 * one for sd, one in zip(cov.whole_sds(sds), seen, strict=True)])
-    total = left @ np.hstack(seen if b is a else _observe_features(cov, b)).T
-    lengths, variances = cov.smooth(sds)
-    pulls = np.ascontiguousarray(np.moveaxis(_pull_on_fields(a, variances), 0, 1))
-    others = np.ascontiguousarray(np.column_stack([b.directions, b.normal_part]).T)
-    by_rows(add_covariance, WORTH, (a.at, pulls, total), b.at, others, lengths)
-    return np.asarray(total)
+    def between(self, a: Observed, b: Observed) -> Array:
+        """Return the covariance (n, m) between two sets of observations."""
+        cov = self.covariance
+        seen = _observe_features(cov, a)
+        left = np.hstack([sd**2 * one for sd, one in zip(cov.whole_sds(self.sds), seen, strict=True)])
+        total = left @ np.hstack(seen if b is a else _observe_features(cov, b)).T
+        lengths, variances = cov.smooth(self.sds)
+        pulls = np.ascontiguousarray(np.moveaxis(_pull_on_fields(a, variances), 0, 1))
+        others = np.ascontiguousarray(np.column_stack([b.directions, b.normal_part]).T)
+        by_rows(add_covariance, WORTH, (a.at, pulls, total), b.at, others, lengths)
+        return np.asarray(total)
 
+    def variance(self, obs: Observed) -> Array:
+        """Return the variance (n,) of the observations: the diagonal of `between(obs, obs)`."""
+        cov, sds = self.covariance, self.sds
+        k, split = len(cov.lengths), len(cov.vector)
+        total = (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (
+            sds[split:k] ** 2
+        ).sum() * obs.normal_part**2
+        for sd, seen in zip(cov.whole_sds(sds), _observe_features(cov, obs), strict=True):
+            total += sd**2 * (seen**2).sum(axis=1)
+        return np.asarray(total)
 
-def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
-    """Return the prior variance (n,) of the observations: the diagonal of `cross(obs, obs)`."""
-    k, split = len(cov.lengths), len(cov.vector)
-    total = (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (
-        sds[split:k] ** 2
-    ).sum() * obs.normal_part**2
-    for sd, seen in zip(cov.whole_sds(sds), _observe_features(cov, obs), strict=True):
-        total += sd**2 * (seen**2).sum(axis=1)
-    return np.asarray(total)
+    def displacement(self, obs: Observed, alpha: Array, places: Places) -> Array:
+        """Return the field (m, d) at places that observations pull with weights alpha (n,)."""
+        cov = self.covariance
+        whole = np.zeros(places.at.size)
+        for sd, here, there in zip(
+            cov.whole_sds(self.sds), _features_at(cov, places), _observe_features(cov, obs), strict=True
+        ):
+            whole += here.reshape(-1, here.shape[2]) @ (sd**2 * (alpha @ there))
+        lengths, variances = cov.smooth(self.sds)
+        smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
+        pulls = np.ascontiguousarray(np.swapaxes(alpha[:, None] * _pull_on_fields(obs, variances), 1, 2))
+        by_rows(add_correlated, WORTH, (places.at, smooth), obs.at, lengths, pulls)
+        return np.asarray(whole.reshape(places.at.shape) + smooth[:, :-1] + smooth[:, -1:] * places.normals)
 
 
 def interpolation(nodes: Array, at: Array, length: float, neighbours: int) -> sparse.csr_matrix:

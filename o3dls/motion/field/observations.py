@@ -10,15 +10,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
-from ..geometry.similarity import apply
+from ...arrays import Array, Ints
+from ...geometry.similarity import apply
 from .covariance import Observed
 
 
 @dataclass(frozen=True)
 class Data:
-    """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's,
-    its own odds of floating, whether it is known to be inside only; landmarks.
+    """Data are what is fitted: points (n, d), which of the noise groups each is in, its noise relative to the
+    group's, its own odds of floating, whether it is known to be inside only; landmarks.
 
     mapping: rows of the mapping points of the case, of which those at one place are one row;
     duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
@@ -73,8 +73,8 @@ class Data:
 
 @dataclass(frozen=True)
 class Feet:
-    """Foot of each point: reference position (n, d), moved surface's normal (n, d), its share along the
-    reference normal (n,), residual.
+    """Feet say where each point meets the wall: reference position (n, d), moved surface's normal (n, d), its
+    share along the reference normal (n,), residual.
     """
 
     at: Array
@@ -85,8 +85,8 @@ class Feet:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the system: observations, residual (k,), noise group (k,), relative noise (k,), which row each
-    point fell into (n,).
+    """Rows make up the linear system: observations, residual (k,), noise group (k,), relative noise (k,),
+    which row each point fell into (n,).
 
     scatter holds, per noise group, the squares by which points of one row differ, and how many more points
     are believed than there are rows: a row half believed tells half as much of the noise (the M step of the

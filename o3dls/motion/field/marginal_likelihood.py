@@ -1,5 +1,5 @@
-"""Bayesian linear algebra of the motion: posterior, evidence of amplitudes and noise levels, and which points
-to believe.
+"""Evidence of amplitudes and noise levels: what maximises it, and the free energy of points that are believed
+in part.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dtrsm
 from scipy.optimize import minimize
 
-from ..arrays import ROUNDING, Array
-from ..cholesky import factor_and_inverse
-from ..errors import SolverError
+from ...arrays import Array
+from ...errors import SolverError
+from ..settings import IterationSettings
+from .covariance import Covariance, grams
+from .gaussian_process import Posterior, solve
 from .kernels import add_scaled
 from .observations import Rows
-from .settings import IterationSettings
 
 REFUSED = 1e12  # nats: an energy so high that the line search turns back
 OVERFLOW = 100.0  # logarithms: a longer step overflows
@@ -26,37 +26,9 @@ Terms = tuple[float, list[float], Array]
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; precision (n,): the diagonal of
-    C^-1; -log evidence.
-    """
-
-    factor: Array
-    alpha: Array
-    precision: Array
-    energy: float
-
-
-def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
-    """Return the posterior for residuals z (n,) with covariance `matrix` (n, n), and the matrix's inverse.
-    Raises SolverError if not positive.
-    """
-    factor, inverse, fault = factor_and_inverse(matrix)
-    if fault:
-        raise SolverError(
-            f"the covariance of the residuals is not positive definite (minor {fault} of {len(z)})"
-        )
-    alpha = inverse @ z
-    energy = 0.5 * float(z @ alpha) + float(np.log(np.diag(factor)).sum())
-    if not np.isfinite(energy):
-        raise SolverError("the energy of the motion is not finite: a residual or an amplitude overflowed")
-    return Posterior(factor, alpha, np.diag(inverse).copy(), energy), inverse
-
-
-@dataclass(frozen=True)
 class Scales:
-    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of
-    points; with their priors and the least values allowed.
+    """Scales are the logarithms of what the evidence tunes: field amplitudes first, then one noise level per
+    group of points; with their priors and the least values allowed.
     """
 
     log: Array
@@ -79,19 +51,69 @@ class Scales:
         return Scales(self.log[k:], self.prior_log[k:], self.prior_log_sd[k:], self.least[k:], 0)
 
 
-def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, settings: IterationSettings) -> Array:
-    """Return the logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the
-    exact gradient.
+@dataclass(frozen=True, eq=False)
+class MarginalLikelihood:
+    """This is the evidence of amplitudes a and noise levels s, by their logarithms: with residuals
+    z ~ N(0, K + S),
+
+    K = fixed + sum_k a_k^2 parts_k (n, n)      and      S = diag((s of the row's group * relative)^2).
     """
 
-    def terms(log: Array) -> Terms:
-        matrix, noise = assemble(log, fixed, parts, rows)
-        posterior, inverse = solve(matrix, rows.residual)
+    fixed: Array
+    parts: list[Array]
+    rows: Rows
+
+    @classmethod
+    def of(cls, covariance: Covariance, rows: Rows) -> MarginalLikelihood:
+        """Return that of all amplitudes of a field, seen by rows."""
+        return cls(*grams(covariance, rows.observed), rows)
+
+    def covariance(self, log: Array) -> tuple[Array, Array]:
+        """Return K + S (n, n), and the diagonal of S (n,)."""
+        matrix = self.fixed.copy()
+        for k, part in enumerate(self.parts):
+            add_scaled(matrix, part, np.exp(2.0 * log[k]))
+        return with_noise(matrix, log[len(self.parts) :], self.rows)
+
+    def maximise(self, scales: Scales, settings: IterationSettings) -> Array:
+        """Return the logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on
+        the exact gradient.
+        """
+        return _minimise_energy(scales, self.rows, self._terms, settings)
+
+    def _terms(self, log: Array) -> Terms:
+        matrix, noise = self.covariance(log)
+        posterior, inverse = solve(matrix, self.rows.residual)
+        # -2 d log p / d K = (K + S)^-1 - alpha alpha'
         slope = inverse - np.outer(posterior.alpha, posterior.alpha)
-        slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
+        slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(self.parts)]
         return posterior.energy, slopes, noise * np.diag(slope)
 
-    return _minimise_energy(scales, rows, terms, settings)
+    def laplace(self, scales: Scales) -> float:
+        """Return by how many nats the evidence at its maximum exceeds the evidence of all amplitudes and
+        noise levels: Laplace's approximation with their log-normal priors and Fisher's information (Kass and
+        Raftery 1995). What the points say nothing of costs nothing.
+        """
+        matrix, noise = self.covariance(scales.log)
+        return self.laplace_of(scales, noise, solve(matrix, self.rows.residual)[1])
+
+    def laplace_of(self, scales: Scales, noise: Array, inverse: Array) -> float:
+        """Return `laplace` where the diagonal of S (n,) and (K + S)^-1 (n, n) are known."""
+        of_groups = [inverse * (noise * (self.rows.group == g)) for g in range(len(scales.noises))]
+        slopes = [
+            np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, self.parts, strict=False)
+        ] + of_groups
+        # slope_k = (K + S)^-1 d(K + S) / d log_k / 2, and Fisher's information is 2 tr(slope_k slope_l)
+        information = np.zeros((len(slopes), len(slopes)))
+        for k, slope in enumerate(slopes):
+            turned = np.ascontiguousarray(slope.T)  # turned once, not in every product
+            information[k, : k + 1] = [2.0 * np.vdot(other, turned) for other in slopes[: k + 1]]
+        information += np.tril(information, -1).T
+        noises = np.arange(scales.fields, len(scales.log))
+        information[noises, noises] += 2.0 * np.maximum(self.rows.scatter[1], 0.0)
+        pull = (scales.log - scales.prior_log) / scales.prior_log_sd
+        stiffer = np.eye(len(pull)) + scales.prior_log_sd[:, None] * information * scales.prior_log_sd
+        return 0.5 * float(pull @ pull + np.linalg.slogdet(stiffer)[1])
 
 
 def tune_noise(scales: Scales, features: Array, rows: Rows, settings: IterationSettings) -> Array:
@@ -154,16 +176,6 @@ def _minimise_energy(
     return np.asarray(found.x)
 
 
-def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[Array, Array]:
-    """Return the covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's
-    group) times its relative noise)^2.
-    """
-    matrix = fixed.copy()
-    for k, part in enumerate(parts):
-        add_scaled(matrix, part, np.exp(2.0 * log[k]))
-    return with_noise(matrix, log[len(parts) :], rows)
-
-
 def with_noise(matrix: Array, log: Array, rows: Rows) -> tuple[Array, Array]:
     """Return a covariance (n, n) of the field (in place) with that of noise levels, and the noise part
     (n,).
@@ -198,48 +210,3 @@ def misfit(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
     the fields could have explained.
     """
     return 0.5 * float(rows.residual @ posterior.alpha + (rows.scatter[0] * np.exp(-2.0 * log_noise)).sum())
-
-
-def laplace_correction(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
-    """Return by how many nats the evidence at its maximum exceeds the evidence of all amplitudes and noise
-    levels: Laplace's approximation with their log-normal priors and Fisher's information (Kass and Raftery
-    1995). What the points say nothing of costs nothing.
-    """
-    matrix, noise = assemble(scales.log, fixed, parts, rows)
-    return laplace_of_inverse(scales, parts, rows, noise, solve(matrix, rows.residual)[1])
-
-
-def laplace_of_inverse(scales: Scales, parts: list[Array], rows: Rows, noise: Array, inverse: Array) -> float:
-    """Return Laplace's correction where the noise part (n,) of the covariance and its inverse (n, n) are
-    known.
-    """
-    of_groups = [inverse * (noise * (rows.group == g)) for g in range(len(scales.noises))]
-    slopes = [
-        np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)
-    ] + of_groups
-    information = np.zeros((len(slopes), len(slopes)))
-    for k, slope in enumerate(slopes):
-        turned = np.ascontiguousarray(slope.T)  # turned once, not in every product
-        information[k, : k + 1] = [2.0 * np.vdot(other, turned) for other in slopes[: k + 1]]
-    information += np.tril(information, -1).T
-    noises = np.arange(scales.fields, len(scales.log))
-    information[noises, noises] += 2.0 * np.maximum(rows.scatter[1], 0.0)
-    pull = (scales.log - scales.prior_log) / scales.prior_log_sd
-    stiffer = np.eye(len(pull)) + scales.prior_log_sd[:, None] * information * scales.prior_log_sd
-    return 0.5 * float(pull @ pull + np.linalg.slogdet(stiffer)[1])
-
-
-def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
-    """Return the residual (n,) of each point to the fit without it, and that fit's variance there (n,), in
-    closed form (Sundararajan 2001).
-    """
-    predictive = 1.0 / posterior.precision
-    return posterior.alpha * predictive, np.maximum(predictive - noise, ROUNDING)
-
-
-def posterior_variance(factor: Array, prior_variance: Array, crossed: Array) -> Array:
-    """Return the variance (m,) of linear functionals with prior variance (m,) and covariance `crossed` (n, m)
-    to the observations.
-    """
-    explained = dtrsm(1.0, factor, crossed.T, side=1, lower=1, trans_a=1)  # in the order of its memory
-    return np.asarray(np.maximum(prior_variance - np.einsum("mn,mn->m", explained, explained), 0.0))
