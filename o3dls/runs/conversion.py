@@ -35,7 +35,7 @@ POINTS = tuple(".csv .tsv .txt .asc .xlsx .xyz .xyzn .xyzrgb .pcd .pts .ply .vtk
 
 @dataclass(frozen=True)
 class Mends:
-    """What is done to a surface on its way: capped, repaired, decimated to so many faces."""
+    """These say what is done to a surface on its way: capped, repaired, decimated to so many faces."""
 
     cap: bool = False
     repair: bool = False

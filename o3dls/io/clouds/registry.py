@@ -20,7 +20,7 @@ from . import pcd
 
 @dataclass(frozen=True)
 class Format:
-    """A format of clouds: how to know it by its bytes, and how to read it."""
+    """A format of clouds has a way to know it by its bytes, and a way to read it."""
 
     knows: Callable[[bytes], bool]
     read: Callable[[Path, bytes], Cloud]

@@ -27,7 +27,7 @@ MILLISECONDS = 1000.0  # times are in seconds
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One file of a map: its points, the name of the map, and which of how many files it is."""
+    """A part is one file of a map: its points, the name of the map, and which of how many files it is."""
 
     path: Path
     points: Points

@@ -22,7 +22,7 @@ SIGN = b"roving x"
 
 @dataclass(frozen=True, eq=False)
 class MapExport:
-    """One export of a map: its files, its points, and what stands above them."""
+    """An export of a map has files, points, and what stands above these."""
 
     files: tuple[str, ...]
     points: Points

@@ -14,9 +14,9 @@ from ...arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Places (n, 3) with values per place, by name; frame and units are 'unknown' where nothing is said.
+    """A cloud has places (n, 3) with values per place, by name.
 
-    faces: how many the file has; with any it is a surface.
+    Frame and units are 'unknown' where nothing is said. faces: how many there are; with any it is a surface.
     """
 
     xyz: Array

@@ -22,8 +22,9 @@ BY_SUFFIX = {".xyzn": [[*AXES, "nx", "ny", "nz"]], ".xyzrgb": [[*AXES, "r", "g",
 
 @dataclass(frozen=True)
 class Cells:
-    """The names and the rows of a table, with the line of each, and the comments above them; `row` is what
-    errors call a line.
+    """A table of text has names of columns and rows, with the line of each, and comments above them.
+
+    row: what errors call a line.
     """
 
     header: list[str]
