@@ -310,7 +310,7 @@ def test_label_volumes_lie_where_their_files_lie(tmp_path: Path) -> None:
         case = case_of(thing, known.vertices[::40], label=1)
         assert (case.frame, case.prior_frame) == ("unknown", "LPS")
         np.testing.assert_allclose(case.prior.vertices, known.vertices, atol=1e-4)
-        with pytest.raises(InputError, match=r"prior: holds 2 labels; say --label \(there are 1, 7\)"):
+        with pytest.raises(InputError, match=r"prior: holds 2 labels; say label= \(there are 1, 7\)"):
             case_of(thing, XYZ)
 
 
