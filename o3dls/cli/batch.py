@@ -121,7 +121,7 @@ def batch(
     """
     from ..pipeline.study import read_study
     from ..pipeline.study import shard as part_of
-    from .libraries import check_libraries
+    from .machine import check_libraries
 
     check_libraries()
     study = read_study(cases, pipeline, settings)

@@ -14,7 +14,7 @@ from . import live as cli_live
 from . import runs as cli_runs
 from . import settings as cli_settings
 from .interrupts import heeded
-from .memory import check_memory
+from .machine import check_memory
 from .words import DONE, INTERNAL, INTERRUPTED, MOST_LETTERS, UNREAD, WRONG_INPUT, complain, say_lines
 
 COMPLETE = "_O3DLS_COMPLETE"  # click reads from this variable what a shell wants completed

@@ -38,7 +38,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
-    from .libraries import check_libraries
+    from .machine import check_libraries
     from .progress import run_bar
 
     check_libraries()
@@ -78,7 +78,7 @@ def run(
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
-    from .libraries import check_libraries
+    from .machine import check_libraries
     from .progress import run_bar
 
     check_libraries()
