@@ -326,7 +326,7 @@ def test_phases_of_a_cine_in_memory_are_chosen_by_number() -> None:
     for thing in things:
         first, last = (o3dls.surface_of(thing, label=7, layer=k).vertices.mean(axis=0) for k in (0, 2))
         assert np.linalg.norm(last - first) == pytest.approx(4.0, abs=1e-3)
-        with pytest.raises(InputError, match="label 7 is in 3 layers; say --layer"):
+        with pytest.raises(InputError, match="label 7 is in 3 layers; say layer="):
             o3dls.surface_of(thing, label=7)
 
 
