@@ -78,6 +78,11 @@ class Points:
     def __len__(self) -> int:
         return len(self.xyz)
 
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{(self.type == kind).sum()} {kind}" for kind in POINT_TYPES if kind in self.type)
+        columns = f"; columns {', '.join(self.columns)}" if self.columns else ""
+        return f"Points({kinds or 'none'}{columns})"
+
     def select(self, rows: NDArray[Any]) -> Points:
         """The rows named by an index or mask."""
         columns = {k: v[rows] for k, v in self.columns.items()}
@@ -224,6 +229,12 @@ class Case:
         if stale:  # the surface of an earlier run, which this one must not take for its own
             fields = {name: values for name, values in self.prior.fields.items() if name not in stale}
             object.__setattr__(self, "prior", replace(self.prior, fields=fields))
+
+    def __repr__(self) -> str:
+        marks = f", {len(self.prior_landmarks)} landmarks of the prior" if self.prior_landmarks else ""
+        return (
+            f"Case({self.name!r}: {self.prior!r}, {self.points!r}{marks}; {self.units}, frame {self.frame})"
+        )
 
     @property
     def dimension(self) -> int:

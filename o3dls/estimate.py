@@ -10,6 +10,7 @@ import numpy as np
 
 from .arrays import Array
 from .case import Case
+from .errors import escaped
 from .geometry.similarity import scale_of
 from .geometry.surface import Surface
 from .run_warning import RunWarning
@@ -49,6 +50,11 @@ class Estimate:
     trace: tuple[Mapping[str, float], ...] = ()
     warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)  # further results of the stage, JSON-ready
+
+    def __repr__(self) -> str:
+        noise = "" if self.sigma is None else f", noise {self.sigma:.3g}"
+        ended = "converged" if self.converged else "did not converge"
+        return f"Estimate({self.surface!r}{noise}, {ended}: {escaped(self.status)})"
 
     @property
     def scale(self) -> float:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
@@ -12,16 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
+from .case import Case
 from .errors import InputError
 from .estimate import Estimate
 from .evaluation.distances import distances
 from .noise.robust import robust_sd
+from .registration.landmarks import fix_a_pose
 from .runs.run import Run
 
 if TYPE_CHECKING:
     from .adapters.case import Settings
     from .plugins.stage import Stage
 
+log = logging.getLogger("o3dls")
 REACH = 3.0  # pairs within this many standard deviations of the noise count as inliers
 
 
@@ -41,6 +45,16 @@ class Registration:
     surface: Any
     estimate: Estimate
     run: Run
+
+    def __repr__(self) -> str:
+        return (
+            f"Registration(fitness {self.fitness:.3f}, inlier_rmse {self.inlier_rmse:.3g} mm; {self.run!r})"
+        )
+
+    def _repr_html_(self) -> str:
+        """The same with the scores of the run, as a notebook shows it."""
+        found = f"fitness {self.fitness:.3f}, inlier_rmse {self.inlier_rmse:.3g} mm"
+        return f"<p>{found}</p>{self.run._repr_html_()}"
 
     def to(self, kind: str) -> Any:
         """The fused surface as a mesh of trimesh, pyvista, meshio or open3d (tensor), with values per point.
@@ -75,9 +89,10 @@ def register(
         of these libraries, an array (n, 3), or columns by name; in the map frame. Values per point by the
         names of a case's columns.
     landmarks : mapping of str to (array (3,), array (3,)), default none
-        name -> (position on the prior, position among the points).
+        name -> (position on the prior, position among the points). Three that are not on one line are needed
+        for a pose; fewer are not used, which the log says.
     init : array (4, 4), default None
-        rough pose, prior to points.
+        rough pose, prior to points; landmarks that give one come first.
     stages : sequence of Stage, default those of the default pipeline that the case allows
         steps of the fit.
     max_correspondence_distance : float, mm, default three standard deviations of the noise found
@@ -124,6 +139,8 @@ def register(
         if stages is not None
         else Pipeline(default_pipeline().stages, folds=0).allowed_by(case)
     )
+    if unused := _unused_landmarks(case, landmarks or {}):
+        log.warning("landmarks: %s", unused)
     run = pipeline.run(case)
     estimate = run.estimates[run.final]
     gap = distances(run.case.points.of("eam").xyz, estimate.surface)
@@ -137,3 +154,12 @@ def register(
         estimate=estimate,
         run=run,
     )
+
+
+def _unused_landmarks(case: Case, landmarks: Mapping[str, Any]) -> str:
+    """Return a sentence on landmarks that do not give a pose; empty where they do, or there are none."""
+    _, prior, measured = case.landmark_pairs()
+    if not landmarks or fix_a_pose(prior, measured):
+        return ""
+    why = "on one line" if len(landmarks) >= 3 else "three that are not on one line are needed for a pose"
+    return f"{', '.join(map(str, landmarks))} are not used for the pose: {why}"

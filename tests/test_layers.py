@@ -54,8 +54,11 @@ LAYERS = (
 # the folders; "." are those modules that no other line names. A line imports those before it, and no other.
 ROOMS = {
     "io": (
-        "text manifest atomic documents table markups points case_settings",
+        "kinds text manifest atomic documents",
+        "tables/",
+        "table markups case_settings",
         "meshes/",
+        "clouds/",
         "meshes/carto/",
         "images/",
         "matlab/",

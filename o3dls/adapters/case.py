@@ -21,6 +21,7 @@ from ..io.mapping.imported import joined
 from ..io.meshes.repair import closed_outward
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import scaled
+from .keywords import keyword_errors
 from .objects import points_of, stated_surface
 
 log = logging.getLogger("o3dls")
@@ -110,9 +111,11 @@ def case_of(
     pose = None if init is None else without_masked(init).astype(np.float64)
     if pose is not None and pose.ndim == 2:
         pose[:-1, -1] *= factor
+    with keyword_errors():
+        prior = closed_outward(surface, "prior", cap=cap)
     return Case(
         name=name,
-        prior=closed_outward(surface, "prior", cap=cap),
+        prior=prior,
         points=_points_in_mm(points, landmarks or {}, units),
         prior_landmarks={
             str(name): _check_place(name, "on the prior", at, surface.dimension) * factor

@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
 from ..io.meshes.triangulation import triangulate
+from .arrays import plain_array
 
 Values = dict[str, NDArray[Any]]
 Parts = tuple[Array, NDArray[Any], Values, Values]  # vertices, faces, values per vertex and per face
@@ -113,7 +114,7 @@ def _from_open3d(mesh: Any, where: str) -> Parts:
     if _is_tensor(mesh):
         if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
             raise InputError(f"{where}: the mesh is empty: has no vertex positions or no triangles{hint}")
-        vertices, faces = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
+        vertices, faces = plain_array(mesh.vertex.positions), plain_array(mesh.triangle.indices)
         return vertices, faces, _read_values(mesh.vertex), _read_values(mesh.triangle)
     if len(mesh.triangles) == 0:
         raise InputError(f"{where}: the mesh is empty: {len(mesh.vertices)} vertices, no triangles{hint}")
@@ -122,7 +123,7 @@ def _from_open3d(mesh: Any, where: str) -> Parts:
 
 def _read_values(attributes: Any) -> dict[str, NDArray[Any]]:
     """Read values per vertex or per face of a tensor object; a column of them is flat."""
-    arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
+    arrays = {name: plain_array(attributes[name]) for name in attributes if name not in NO_FIELDS}
     return {
         name: values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
         for name, values in arrays.items()
@@ -135,6 +136,21 @@ def _from_trimesh(mesh: Any, where: str) -> Parts:
         name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)
     }  # trimesh does not check their length
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), on_points, on_faces
+
+
+def _from_scene(scene: Any, where: str) -> Parts:
+    """Read the one mesh of a scene, as `trimesh.load` returns it, where it stands in the scene."""
+    return _from_trimesh(_only_geometry(scene, where, "Trimesh"), where)
+
+
+def _only_geometry(scene: Any, where: str, *kinds: str) -> Any:
+    placed = [one for one in scene.dump() if type(one).__name__ in kinds]
+    if len(placed) != 1:
+        raise InputError(
+            f"{where}: the scene holds {len(placed)} geometries of type {' or '.join(kinds)}: must be one; "
+            f"give one of scene.geometry: {', '.join(map(str, scene.geometry)) or 'it is empty'}"
+        )
+    return placed[0]
 
 
 def _from_vtk(mesh: Any, where: str) -> Parts:
@@ -199,22 +215,29 @@ def _from_meshio(mesh: Any, where: str) -> Parts:
 MESHES: Mapping[str, Callable[[Any, str], Parts]] = {
     "open3d.TriangleMesh": _from_open3d,
     "trimesh.Trimesh": _from_trimesh,
+    "trimesh.Scene": _from_scene,
     "vtkmodules.vtkPolyData": _from_vtk,
     "meshio.Mesh": _from_meshio,
 }
 # positions and values per point
 POINT_READERS: Mapping[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
     "open3d.PointCloud": lambda cloud: (
-        (cloud.point.positions.numpy(), _read_values(cloud.point))
+        (plain_array(cloud.point.positions), _read_values(cloud.point))
         if _is_tensor(cloud)
         else (cloud.points, {})
     ),
+    "trimesh.Scene": lambda scene: _scene_points(scene),
     "trimesh.PointCloud": lambda cloud: (cloud.vertices, {}),
     "trimesh.Path": lambda path: (path.vertices, {}),
     "trimesh.Trimesh": lambda mesh: (mesh.vertices, dict(mesh.vertex_attributes)),
     "vtkmodules.vtkPointSet": lambda cloud: (_vtk_positions(cloud), _vtk_values(cloud.GetPointData())),
     "meshio.Mesh": lambda mesh: (mesh.points, dict(mesh.point_data)),
 }
+
+
+def _scene_points(scene: Any) -> tuple[Any, dict[str, Any]]:
+    one = _only_geometry(scene, "points", "PointCloud", "Trimesh")
+    return one.vertices, dict(getattr(one, "vertex_attributes", {}))
 
 
 def _vtk_positions(cloud: Any) -> Array:

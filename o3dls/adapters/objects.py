@@ -24,7 +24,9 @@ from ..io.images.registry import checked
 from ..io.meshes.surface_file import SurfaceFile, flatten_fields
 from ..io.points import points_from
 from ..quantities import known_values
+from .arrays import columns_of, plain_array
 from .images import IMAGES
+from .keywords import keyword_errors
 from .meshes import MESHES, POINT_READERS, to_meshio, to_open3d, to_pyvista, to_trimesh
 
 __all__ = [
@@ -49,8 +51,8 @@ SURFACES = (
     "(vertices, faces), a Surface of o3dls, or a label volume of SimpleITK or nibabel (NIfTI)"
 )
 CLOUDS = (
-    "a cloud of Open3D (legacy or tensor), trimesh, pyvista, vtk (vtkPolyData) or meshio, an array (n, 3), a "
-    "mapping of columns with x, y and z, or Points of o3dls"
+    "a cloud of Open3D (legacy or tensor), trimesh, pyvista, vtk (vtkPolyData) or meshio, an array or tensor "
+    "(n, 3), columns with x, y and z in a mapping, a DataFrame or a structured array, or Points of o3dls"
 )
 
 
@@ -121,6 +123,11 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
     """Return the same as `surface_of`, with the frame and units where the object states them, as label
     volumes do; `where` names it in errors.
     """
+    with keyword_errors():
+        return _read_surface(thing, where, frame, choice)
+
+
+def _read_surface(thing: Any, where: str, frame: str | None, choice: Mapping[str, Any]) -> SurfaceFile:
     given = {name: value for name, value in choice.items() if value is not None and value is not False}
     if (image := _find_reader(IMAGES, thing)) is not None:
         form = given.pop("form", None)
@@ -169,8 +176,8 @@ def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
-        vertices, faces = (without_masked(part).astype(np.float64) for part in thing)
-    except (TypeError, ValueError):
+        vertices, faces = (without_masked(plain_array(part)).astype(np.float64) for part in thing)
+    except (TypeError, ValueError, RuntimeError):
         raise InputError(f"{where}: a pair must hold vertices and faces as arrays of numbers") from None
     return vertices, faces, {}, {}
 
@@ -181,8 +188,9 @@ def points_of(thing: Any, where: str = "points") -> Points:
 
     Parameters
     ----------
-    thing : point cloud, array (n, 3), or mapping of columns
-        of Open3D, trimesh, pyvista, vtk or meshio; columns have x, y and z, (n,) each.
+    thing : point cloud, array or tensor (n, 3), or columns by name
+        of Open3D, trimesh, pyvista, vtk or meshio; columns have x, y and z, (n,) each: a mapping, a
+        DataFrame, or a structured array.
     where : str, default "points"
         what errors name it.
 
@@ -204,15 +212,15 @@ def points_of(thing: Any, where: str = "points") -> Points:
     """
     if isinstance(thing, Points):
         return thing
-    if isinstance(thing, Mapping):
-        return points_from(thing, where)
     read = _find_reader(POINT_READERS, thing)
-    if read is None and not isinstance(thing, np.ndarray | tuple | list):
-        raise InputError(f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}")
+    if read is None and (columns := columns_of(thing, where)) is not None:
+        return points_from(columns, where)
     try:
-        xyz, values = read(thing) if read else (thing, {})
+        xyz, values = read(thing) if read else (plain_array(thing), {})
         xyz = np.ma.array(xyz, dtype=np.float64) if masked_in(xyz) is not None else np.array(xyz, np.float64)
-    except (KeyError, TypeError, ValueError):
+        if xyz.ndim == 0:  # None, or one number
+            raise TypeError
+    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):
         raise InputError(
             f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}"
         ) from None

@@ -121,7 +121,9 @@ def batch(
     """
     from ..pipeline.study import read_study
     from ..pipeline.study import shard as part_of
+    from .environment import check_libraries
 
+    check_libraries()
     study = read_study(cases, pipeline, settings)
     if shard:
         study = part_of(study, *shard)

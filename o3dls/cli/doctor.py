@@ -46,6 +46,8 @@ PACKAGE_OF = {  # Debian's and Ubuntu's package of each shared library that the 
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
     "libOpenGL.so.0": "libopengl0",
+    "libidn2.so.0": "libidn2-0",
+    "libudev.so.1": "libudev1",
     "libusb-1.0.so.0": "libusb-1.0-0",
     "libX11.so.6": "libx11-6",
 }
@@ -86,7 +88,7 @@ def diagnose() -> list[Check]:
     """Make every check, in the order in which faults should be remedied."""
     return [
         _check_python(),
-        *map(_check_module, MODULES),
+        *map(check_module, MODULES),
         _check_open3d(),
         _check_plugins(),
         _check_filters(),
@@ -128,7 +130,8 @@ def _check_python() -> Check:
     )
 
 
-def _check_module(name: str) -> Check:
+def check_module(name: str) -> Check:
+    """Check that a library can be imported."""
     try:
         import_module(name)
     except (ImportError, OSError) as error:

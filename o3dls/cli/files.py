@@ -88,6 +88,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
 @click.option("--to", help="frame to write, LPS or RAS")
 @click.option("--cap", is_flag=True, help="close the openings of a surface")
+@click.option("--repair", is_flag=True, help="mend a surface: weld it, drop what is twice, loose or inside")
 @click.option("--faces", type=int, help="decimate to so many triangles")
 @click.option("--label", type=int, help="label volumes: the label to take")
 @click.option("--part", help="the named segment or volume to take")
@@ -137,7 +138,7 @@ def send(run_folder: Path, **options: Any) -> None:
 @click.option("--map", "map_name", help="name of the map; default: the only one with points")
 @click.option("--prior", type=FILE, help="surface or label volume that becomes the prior")
 @click.option(
-    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
+    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, JSON, or a table name,x,y,z"
 )
 @prior_choice
 @click.option("--units", help="units of the prior where it does not state them: mm, cm, m, um, in")

@@ -38,8 +38,10 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
+    from .environment import check_libraries
     from .progress import run_bar
 
+    check_libraries()
     plan = default_pipeline()
     with second_process(plan.folds) as pool:
         case = read_case(demo_case())
@@ -76,8 +78,10 @@ def run(
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
+    from .environment import check_libraries
     from .progress import run_bar
 
+    check_libraries()
     if pipeline and pipeline.is_dir():
         raise InputError(
             f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case {pipeline}"
@@ -97,9 +101,9 @@ def run(
 @click.command()
 @click.argument("folder", metavar="DIR", type=FOLDER)
 @click.option("--prior", type=FILE, help="surface or label volume that is the prior")
-@click.option("--points", type=FILE, help="table of the mapping points: x, y, z and type")
+@click.option("--points", type=FILE, help="mapping points: a table with x, y, z and type, or a cloud")
 @click.option(
-    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
+    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, JSON, or a table name,x,y,z"
 )
 @click.option("--units", help="units of files that do not state theirs: mm, cm, m, um, in, px")
 @click.option("--columns", help="which columns of the points these are: bipolar=V1,x=East")
@@ -131,7 +135,7 @@ def _ask_files(
         raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
     ask = partial(click.prompt, err=True, show_default=False)
     prior = prior or Path(ask("Prior: file of the surface or label volume"))
-    points = points or Path(ask("Points: table with columns x, y, z and type"))
+    points = points or Path(ask("Points: table with columns x, y, z and type, or a cloud"))
     if landmarks is None and (
         named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
     ):

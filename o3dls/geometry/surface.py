@@ -59,6 +59,10 @@ class Surface:
                     f"{len(self.vertices)} vertices"
                 )
 
+    def __repr__(self) -> str:
+        fields = f", fields {', '.join(self.fields)}" if self.fields else ""
+        return f"Surface({len(self.vertices)} vertices, {len(self.faces)} faces{fields})"
+
     @property
     def dimension(self) -> int:
         return int(self.vertices.shape[1])

@@ -1,10 +1,10 @@
-"""Named points of 3D Slicer: `.mrk.json` read and written, `.fcsv` read."""
+"""Named points: of 3D Slicer, `.mrk.json` read and written, `.fcsv` read; and plain JSON, read."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from .text import cells_of, check_numbers, decode, read_bytes
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
 MILLIMETRES = {"mm": 1.0, "um": 0.001, "cm": 10.0, "m": 1000.0}
+PLAIN_NAMES = ("id", "name", "label")  # of places in plain JSON
+PLAIN_PLACES = ("coordinates", "position", "point", "xyz")
 OLD_FRAMES = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
 
 
@@ -41,17 +43,53 @@ class Markups:
 
 
 def read_markups(path: str | Path, frame: str | None = None) -> Markups:
-    """Read defined control points of a `.mrk.json` or `.fcsv` file, told by content; `frame` is that of an
-    old `.fcsv`, which states none. Raises InputError.
+    """Read defined control points of a `.mrk.json` or `.fcsv` file, or named places of plain JSON, told by
+    content; `frame` is that of a file that states none: an old `.fcsv` cannot be read without, places of
+    plain JSON are in frame 'unknown'. Raises InputError.
     """
     path = Path(path)
     text = decode(read_bytes(path), path)
-    return _read_json(path, text) if text.lstrip().startswith("{") else _read_fcsv(path, text, frame)
-
-
-def _read_json(path: Path, text: str) -> Markups:
+    if text.lstrip()[:1] not in ("{", "[") and path.suffix.lower() != ".json":
+        return _read_fcsv(path, text, frame)
     tree = parse_json(text, str(path))
-    lists = tree.get("markups") if isinstance(tree, dict) else None
+    if isinstance(tree, dict) and ("markups" in tree or "@schema" in tree):
+        return _read_slicer(path, tree)
+    return _read_plain(path, tree, frame or "unknown")
+
+
+def _read_plain(path: Path, tree: Any, frame: str) -> Markups:
+    """Read the places of a list of objects, as scalismo and statismo write it, or of an object by name."""
+    if isinstance(tree, dict):
+        named = list(tree.items())
+    elif isinstance(tree, list) and all(isinstance(item, dict) for item in tree):
+        named = [(_first_of(item, PLAIN_NAMES), _first_of(item, PLAIN_PLACES)) for item in tree]
+    else:
+        named = []
+    for name, place in named or [(None, None)]:
+        if not isinstance(name, str) or not _is_place(place):
+            raise InputError(
+                f"{path}: is JSON, but no named places: must be Slicer's markups, a list of objects such as "
+                f'{{"id": "LSPV", "coordinates": [1, 2, 3]}}, or one object {{"LSPV": [1, 2, 3]}}'
+                + ("" if name is None else f"; '{str(name)[:40]}' has {str(place)[:60]}")
+            )
+    xyz = np.array([place for _, place in named], dtype=np.float64)
+    return Markups(tuple(str(name) for name, _ in named), xyz, frame)
+
+
+def _first_of(item: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    return next((item[key] for key in keys if key in item), None)
+
+
+def _is_place(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(type(v) in (int, float) and abs(v) < 1e9 for v in value)
+    )
+
+
+def _read_slicer(path: Path, tree: dict[str, Any]) -> Markups:
+    lists = tree.get("markups")
     if not isinstance(lists, list) or not lists or not all(isinstance(item, dict) for item in lists):
         raise InputError(f"{path}: has no list 'markups'; it is not a Slicer markups file")
     found = [_json_points(path, item) for item in lists]
@@ -85,11 +123,7 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
         if point.get("positionStatus", "defined") != "defined":
             continue
         position = point.get("position")
-        if not (
-            isinstance(position, list)
-            and len(position) == 3
-            and all(type(v) in (int, float) and abs(v) < 1e9 for v in position)
-        ):
+        if not _is_place(position):
             raise InputError(
                 f"{path}: control point {k} ('{point.get('label', '')}') has position "
                 f"{str(position)[:60]}: must be three numbers"

@@ -1,4 +1,4 @@
-"""Measured points from and to CSV: the columns of the case contract, by name."""
+"""Measured points from tables and clouds and to CSV: the columns of the case contract, by name."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from ..case import POINT_TYPES, Points
 from ..columns import ALIASES, NAMES, Chosen, described, meaning_of, read_choice
 from ..errors import InputError, did_you_mean
 from ..quantities import check_possible, scaled_known
-from .table import Table, read_table, write_table
+from .clouds.registry import cloud_table
+from .table import LARGEST_TABLE, Table, table_of, write_table
+from .text import as_utf8, read_bytes
 
 NUMBERS = ("bipolar", "unipolar", "lat", "impedance", "force", "sigma")
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
-    """Read measured points from a CSV file with a header.
+    """Read measured points from a table or a cloud.
 
     Parameters
     ----------
     path : str or Path
-        table with columns `x`, `y`, `z` and, where known, `type` (default eam), `name` and electrical values;
-        other columns are kept.
+        table (CSV, XLSX) with columns `x`, `y`, `z` and, where known, `type` (default eam), `name` and
+        electrical values; other columns are kept. Or a cloud (PLY, VTK, VTP, PCD, XYZ, openCARP).
     dimension : {3, 2}, default 3
         in 2D there need be no column `z`.
 
@@ -56,9 +58,14 @@ def read_points_table(path: str | Path, dimension: int = 3, columns: str | None 
     """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states
     them. columns: `name=heading, ...`, where headings do not say what they are.
     """
-    path = Path(path)
+    return points_table_of(as_utf8(read_bytes(path, LARGEST_TABLE)), Path(path), dimension, columns)
+
+
+def points_table_of(data: bytes, path: Path, dimension: int = 3, columns: str | None = None) -> Table:
+    """Return the table in the bytes of a file, which `path` names in errors; as `read_points_table`."""
     given = read_choice(columns or "", str(path))
-    table = read_table(path, "xyz"[:dimension], Chosen(given))
+    found = cloud_table(path, data, NAMES)
+    table = table_of(data, path, "xyz"[:dimension], Chosen(given)) if found is None else found
     there = {heading.lower() for heading in table.headings.values()}
     for heading, name in given.items():
         if heading not in there:
@@ -106,9 +113,7 @@ def points_of(table: Table, dimension: int) -> Points:
         for name in table.columns
         if name not in (*axes, "type")
     }
-    return _check_measured(
-        Points(xyz, _read_types(table), columns), str(table.path), lambda row: f"line {table.lines[row]}"
-    )
+    return _check_measured(Points(xyz, _read_types(table), columns), str(table.path), table.place)
 
 
 def _read_column(table: Table, name: str) -> NDArray[Any]:

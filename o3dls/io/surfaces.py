@@ -11,12 +11,14 @@ from ..errors import InputError
 from ..geometry.shells import wall_thickness
 from ..geometry.surface import Surface
 from .atomic import write_file
+from .clouds.registry import is_cloud
 from .images import dicom, labels
+from .kinds import kind_of
 from .matlab import openep
 from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
 from .meshes.carto import import_vtk, mesh_file
 from .meshes.surface_file import SurfaceFile, left_out
-from .text import read_bytes
+from .text import as_utf8, read_bytes
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
@@ -97,9 +99,8 @@ def read_surface_file(
     `units` and `frame` are those of the file where it does not state them; only a format that would else take
     its standard's, or cannot be read without, asks for them here.
 
-    Options that are not None: `label`, `part`, `box`, `layer`, `fill_slices`, `form` say which surface of a
-    file with several is meant, and how; `hidden` keeps CARTO's hidden triangles. Raises InputError,
-    also for an option that the format has no use for.
+    `label`, `part`, `box`, `layer`, `fill_slices` and `form` say which surface of several is meant, and how;
+    `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option without a use here.
     """
     path = Path(path)
     data = _read_content(path)
@@ -109,11 +110,11 @@ def read_surface_file(
         if value and known and name in known.options:
             given[name] = value
     if known is None and path.suffix.lower() != ".csv":
+        if kind := kind_of(data):
+            raise InputError(f"{path}: is {kind}")
         names = ", ".join(f.name for f in FORMATS)
-        raise InputError(
-            f"{path}: is not a surface file that o3dls knows ({names}, csv in 2D); "
-            f"it begins with {data[:16]!r}"
-        )
+        said = f"is not a surface file that o3dls knows ({names}, csv in 2D)"
+        raise InputError(f"{path}: {said}; it begins with {data[:16]!r}")
     for name in given:
         if known is None or name not in known.options:
             raise InputError(f"{path}: '{name}' does not apply to a {known.name if known else 'csv'} file")
@@ -129,7 +130,7 @@ def _read_content(path: Path) -> bytes:
     header = next((header for header in headers if header.is_file()), None)
     if path.suffix.lower() in (".img", ".raw", ".zraw") and header is not None:
         raise InputError(f"{path}: holds voxels alone: name its header, {header.name}")
-    return read_bytes(path)
+    return as_utf8(read_bytes(path))
 
 
 def _format_of(data: bytes) -> Format | None:
@@ -137,12 +138,15 @@ def _format_of(data: bytes) -> Format | None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Return whether a file is a surface in a known format, or a table of a 2D outline.
+    """Return whether a file is a surface in a known format and no cloud, or a table of a 2D outline.
 
     Raises InputError where it cannot be read at all.
     """
-    data = _read_content(Path(path))
-    return _format_of(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
+    path = Path(path)
+    data = _read_content(path)
+    if _format_of(data) is not None:
+        return not is_cloud(path, data)
+    return path.suffix.lower() == ".csv" and polyline.knows(data)
 
 
 def read_surface(path: str | Path) -> Surface:

@@ -1,10 +1,9 @@
-"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value`
-comment lines above the header. A text that a spreadsheet would run as a formula has an apostrophe before it.
+"""Tables whose columns are known by name, `# key=value` comment lines above the header: read from text and
+workbooks, written as CSV. A text that a spreadsheet would run as a formula has an apostrophe before it.
 """
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,12 +17,13 @@ from ..arrays import Array
 from ..case import SPACES
 from ..errors import InputError
 from .atomic import write_file
-from .text import LARGEST_WHOLE, decode, number, read_bytes
+from .tables import workbook
+from .tables.cells import FORMULA, split_text, without_index
+from .tables.headings import read_axes
+from .text import LARGEST_WHOLE, decode, is_missing, number, read_bytes
 
-FORMULA = re.compile("'*[=+@-]")
 ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # leading zeros, which a number would lose
 LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
-LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
 MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
 
 
@@ -41,16 +41,20 @@ class Table:
     lines: list[int]
     notes: Mapping[str, str]
     headings: Mapping[str, str] = field(default_factory=dict)  # of the columns, as the file has them
+    row: str = "line"  # what a row is called in errors: of a cloud a point
 
     def __len__(self) -> int:
         return len(self.lines)
 
     def where(self, row: int, name: str) -> str:
-        return f"{self.path}: line {self.lines[row]}, column '{name}'"
+        return f"{self.path}: {self.place(row)}, column '{name}'"
+
+    def place(self, row: int) -> str:
+        return f"{self.row} {self.lines[row]}"
 
     def numbers(self, name: str, *, missing: bool = False) -> Array:
-        """Return a column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed.
-        Raises InputError.
+        """Return a column as numbers (n,); empty cells and words such as `nan` and `NA` become NaN where
+        `missing` is allowed. Raises InputError.
         """
         cells = self.columns[name]
         if (plain := _plain_numbers(cells, missing)) is not None:
@@ -60,7 +64,7 @@ class Table:
         )
 
     def _read_number(self, row: int, name: str, cell: str, missing: bool) -> float:
-        if missing and cell.lower() in ("", "nan"):
+        if missing and (not cell or is_missing(cell)):
             return np.nan
         try:
             value = number(cell)
@@ -82,6 +86,9 @@ class Table:
         """
         cells = self.columns[name]
         plain = _plain_numbers(cells, missing=True) if any(cells) else None
+        if any(cells) and all(not cell or is_missing(cell) for cell in cells):
+            nothing = {cell.lower() for cell in cells} <= {"", "nan"}
+            return np.full(len(cells), np.nan) if nothing else np.array(cells, dtype=str)
         if (
             plain is not None
             and not ZEROS.search("\n".join(cells))
@@ -98,7 +105,7 @@ def _is_number(cell: str) -> bool:
     would lose.
     """
     try:
-        value = number(cell or "nan")
+        value = number("nan" if not cell or is_missing(cell) else cell)
     except ValueError:
         return False
     return not ZEROS.match(cell) and not (re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE)
@@ -106,7 +113,7 @@ def _is_number(cell: str) -> bool:
 
 def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
     """Return all cells as numbers at one go; None where one may be none, so that each is to be looked at."""
-    filled = [cell or "nan" for cell in cells] if missing else cells
+    filled = ["nan" if not cell or is_missing(cell) else cell for cell in cells] if missing else cells
     try:
         found = np.fromiter(map(float, filled), np.float64, len(cells))
     except ValueError:
@@ -117,7 +124,7 @@ def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
-    """Read the table in a CSV file. Raises InputError naming file, line and column for anything that does not
+    """Read the table in a file. Raises InputError naming file, line and column for anything that does not
     fit.
     """
     return table_of(read_bytes(Path(path), LARGEST_TABLE), Path(path), required, aliases)
@@ -127,45 +134,23 @@ def table_of(
     data: bytes, path: Path, required: Iterable[str], aliases: Mapping[str, str] | None = None
 ) -> Table:
     """Return the table in the bytes of a file, which `path` names in errors; as `read_table`."""
-    text = decode(data, path)
-    lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
-    for at, line in lines:
-        if len(line) > LONGEST_LINE:
-            raise InputError(f"{path}: line {at} has {len(line)} letters: must have at most {LONGEST_LINE}")
-    top = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
-    body = lines[top:]
-    if not body:
-        raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
-    unquoted = re.sub('"[^"]*"', "", body[0][1])
-    delimiter = next((d for d in ";\t" if d in unquoted), ",")
-    cells = [
-        [_unmark_formula(cell.strip()) for cell in row]
-        for row in csv.reader((line for _, line in body), delimiter=delimiter)
-    ]
-    if len(cells) != len(body):
-        raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
-    header = _read_header(cells[0], path, body[0][0], required, {} if aliases is None else aliases)
-    for (at, line), row in zip(body[1:], cells[1:], strict=True):
-        if line.lstrip().startswith("#"):
-            raise InputError(
-                f"{path}: line {at} begins with #: comments belong above the header; a name that begins "
-                "so stands in quotes"
-            )
-        if len(row) != len(header):
-            hint = (
-                "; decimal commas? write decimal points"
-                if delimiter == "," and len(row) > len(header)
-                else ""
-            )
-            raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
-    columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
-    return Table(
-        path,
-        columns,
-        [at for at, _ in body[1:]],
-        _read_notes(path, [line for _, line in lines[:top]]),
-        dict(zip(header, cells[0], strict=True)),
-    )
+    required = tuple(required)
+    if workbook.knows(data):
+        found = workbook.read_workbook(path, data, required)
+    else:
+        found = split_text(path, decode(data, path), required)
+    cells = without_index(path, found)
+    top = f"{cells.row} {cells.top}"
+    header, units = read_axes(path, top, cells.header)
+    header = _read_header(header, path, top, required, {} if aliases is None else aliases)
+    columns = {name: [row[k] for row in cells.rows] for k, name in enumerate(header)}
+    notes = _read_notes(path, cells.comments)
+    if units is not None and notes.setdefault("units", units) != units:
+        raise InputError(
+            f"{path}: states units={notes['units']}, and its columns are in {units}; correct one"
+        )
+    headings = dict(zip(header, cells.header, strict=True))
+    return Table(path, columns, cells.lines, notes, headings, cells.row)
 
 
 def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
@@ -180,10 +165,10 @@ def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
 
 
 def _read_header(
-    cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]
+    cells: Sequence[str], path: Path, top: str, required: Iterable[str], aliases: Mapping[str, str]
 ) -> list[str]:
     if len(cells) > MOST_COLUMNS:
-        raise InputError(f"{path}: line {line}: names {len(cells)} columns: at most {MOST_COLUMNS}")
+        raise InputError(f"{path}: {top}: names {len(cells)} columns: at most {MOST_COLUMNS}")
     header = [aliases.get(cell.lower(), cell) for cell in cells]
     own = {name for name, cell in zip(header, cells, strict=True) if name == cell.lower()}
     # a heading that is the name itself comes before others that mean it
@@ -193,13 +178,13 @@ def _read_header(
     ]
     for name in required:
         if name not in header:
-            raise InputError(f"{path}: line {line}: no column '{name}'; there are: {', '.join(cells)[:200]}")
+            raise InputError(f"{path}: {top}: no column '{name}'; there are: {', '.join(cells)[:200]}")
     for name in header:
         if not name or header.count(name) > 1:
             same = [cell for cell, one in zip(cells, header, strict=True) if one == name]
             fault = f"is meant by {' and '.join(same)}" if len(set(same)) > 1 else "appears twice"
             raise InputError(
-                f"{path}: line {line}: column name '{name}' {fault if name else 'is empty'}"
+                f"{path}: {top}: column name '{name}' {fault if name else 'is empty'}"
                 + (f"; say --columns {name}=HEADING with the one that is right" if len(set(same)) > 1 else "")
             )
     return header
@@ -247,8 +232,4 @@ def _mark_formula(text: str) -> str:
     """Return the text so that a spreadsheet shows it and does not run it; a number, such as -1, is none that
     runs.
     """
-    return f"'{text}" if FORMULA.match(text) and not _is_number(text) else text
-
-
-def _unmark_formula(cell: str) -> str:
-    return cell[1:] if cell[:1] == "'" and FORMULA.match(cell) else cell
+    return f"'{text}" if FORMULA.match(text) and (is_missing(text) or not _is_number(text)) else text

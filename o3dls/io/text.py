@@ -17,10 +17,21 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..errors import InputError
+from .kinds import kind_of
 
 LARGEST_WHOLE = 1 << 53
 LARGEST_FILE = 1 << 31  # bytes: it is held in memory, and more than once
 _hashes: ContextVar[dict[Path, str] | None] = ContextVar("hashes", default=None)
+MARKS = {  # those of UTF-32 first, one of which begins as one of UTF-16
+    b"\xff\xfe\0\0": "utf-32",
+    b"\0\0\xfe\xff": "utf-32",
+    b"\xff\xfe": "utf-16",
+    b"\xfe\xff": "utf-16",
+}
+# what C libraries print for NaN (Microsoft's 1.#QNAN is 1.#R once rounded), and R, pandas, SQL, Excel, people
+NAN = r"nan[qs]?(?:\([\w-]*\))?|1\.#\w*|n/?a|<na>|#n/a|#nv|null|nil|none|missing|invalid"
+MISSING = re.compile(rf"[-+]?(?:{NAN})", re.IGNORECASE)
+MISSING_WORDS = re.compile(rf"(?<!\S)(?!nan(?!\S))[-+]?(?:{NAN})(?!\S)", re.IGNORECASE)
 
 
 def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
@@ -62,12 +73,29 @@ def hashed_reads() -> Iterator[dict[Path, str]]:
         _hashes.reset(token)
 
 
-def decode(data: bytes, path: str | Path) -> str:
-    """Decode text from UTF-8, else cp1252 (clinical systems write both). Raises InputError for binary
-    content.
+def as_utf8(data: bytes) -> bytes:
+    """Return the bytes of a text that begins with the mark of UTF-16 or UTF-32 (Excel's "Unicode text") as
+    UTF-8; all others unchanged.
     """
+    encoding = next((name for mark, name in MARKS.items() if data.startswith(mark)), None)
+    if encoding is None:
+        return data
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        return data
+    if "\0" in text:
+        return data
+    return re.sub(r"\A(<\?xml[^>]*?)\s+encoding=([\"'])[^\"']*\2", r"\1", text).encode()
+
+
+def decode(data: bytes, path: str | Path) -> str:
+    """Decode text from UTF-8, from UTF-16 with its mark, else cp1252 (clinical systems write all of them).
+    Raises InputError for binary content.
+    """
+    data = as_utf8(data)
     if b"\0" in data[:4096]:
-        raise InputError(f"{path}: is binary where text was expected")
+        raise InputError(f"{path}: is {kind_of(data) or 'binary where text was expected'}")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -89,6 +117,8 @@ def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequen
     if not lines:
         return np.zeros((0, columns))
     rows = rectangle(lines)
+    if rows is None:
+        rows = rectangle([plain_missing(line) for line in lines])
     if rows is not None and rows.shape[1] == columns:
         return rows
     for number, line in zip(at, lines, strict=True):
@@ -109,6 +139,16 @@ def rectangle(lines: Sequence[str]) -> Array | None:
     return rows if len(rows) == len(lines) else None
 
 
+def is_missing(word: str) -> bool:
+    """Return whether a word of a file says that there is no number."""
+    return MISSING.fullmatch(word) is not None
+
+
+def plain_missing(text: str) -> str:
+    """Return text of numbers with `nan` for every word that says that there is none."""
+    return MISSING_WORDS.sub("nan", text)
+
+
 def number(word: str) -> float:
     """Return the number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python
     itself takes for 10.
@@ -124,7 +164,7 @@ def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> 
         if re.fullmatch(r"[-+]?\d+,\d+", cell):
             raise InputError(f"{where}: {what} '{cell}' has a decimal comma; write a decimal point")
         try:
-            number(cell)
+            number(plain_missing(cell))
         except ValueError:
             raise InputError(f"{where}: {what} '{cell[:40]}' is not a number") from None
     if len(cells) != columns:
@@ -144,7 +184,7 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
         return np.array(words, dtype=np.float64)
     except ValueError:
         check_numbers(words, count, where, "value")
-        raise
+        return np.array(plain_missing(text).split(), dtype=np.float64)
 
 
 def join_rows(form: str, rows: NDArray[Any]) -> str:

@@ -107,9 +107,10 @@ class Pipeline:
         from ..parallel import started_beside
 
         begin = perf_counter()
-        started_beside(self._prepare_plugins)
         say_unpaired(case)
         self._check_case(case)
+        for writer in self.writes:
+            started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
         estimates = self._fit_and_judge(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
@@ -132,10 +133,6 @@ class Pipeline:
         made_in = run.provenance.model_copy(update={"seconds": perf_counter() - begin})
         run = warned_of_far_points(replace(run, ends_with=final))
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
-
-    def _prepare_plugins(self) -> None:
-        for plugin in (*self.stages, *self.writes):
-            plugin.prepare()
 
     def judged(self, case: Case) -> dict[str, Estimate]:
         """Return the estimates of `fit` with the warnings on the start, which every estimate depends on.

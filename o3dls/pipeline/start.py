@@ -35,6 +35,7 @@ UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have b
 ATRIUM = 100.0  # mm across: points and prior are about as large once their units are right
 POINTS_IN = "if the points are in {0}, add the line '# units={0}' above the header of their file"
 PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
+IN_MEMORY = "if the {2} are in {0}, multiply them by {1:g}"  # of a case that has no files
 FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
 FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
 
@@ -224,6 +225,9 @@ def _find_other_size(case: Case, points: Array) -> str:
             "to another case?"
         )
     *_, remedy, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
+    if not case.files:
+        whose = "points" if remedy is POINTS_IN else "vertices of the prior"
+        return f"{spans}: {IN_MEMORY.format(name, UNITS[name], whose)}; otherwise check the units of both"
     return f"{spans}: {remedy.format(name)}; otherwise check the units of both"
 
 

@@ -85,11 +85,6 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
         """Return why this plugin cannot work on the case (a sentence), None where it can."""
         return None
 
-    def prepare(self) -> None:
-        """Import what the plugin's work takes. A pipeline calls this on a thread while it checks the case and
-        runs earlier stages, so that a run waits less for imports.
-        """
-
     def mistake(self, case: Case) -> str | None:
         """Return what of the case or the parameters must be corrected first (a sentence), None where nothing
         must; it is asked where there is no obstacle.

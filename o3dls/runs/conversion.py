@@ -6,29 +6,41 @@ Frame and units are said on both sides.
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..adapters.mending import decimated, mended
 from ..arrays import Array
 from ..case import MILLIMETRES, SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
-from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale, overruled
+from ..io.kinds import kind_of
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.repair import closed_outward, joined_soup, welded
+from ..io.meshes.repair import closed_outward, joined_soup
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.surfaces import is_surface, read_surface_file, write_surface
 from ..io.table import write_table
+from ..io.text import read_bytes
 from ..io.transforms import is_transform, read_transform, turned, write_transform
 from .stated import needs_turn, scaled_units, settle_stated, settle_units
 
 MARKUPS = (".json", ".fcsv")
-TABLES = (".csv", ".tsv")
+# tables and clouds
+POINTS = tuple(".csv .tsv .txt .asc .xlsx .xyz .xyzn .xyzrgb .pcd .pts .ply .vtk .vtp .vtu".split())  # noqa: SIM905
+
+
+@dataclass(frozen=True)
+class Mends:
+    """These say what is done to a surface on its way: capped, repaired, decimated to so many faces."""
+
+    cap: bool = False
+    repair: bool = False
+    faces: int | None = None
 
 
 def convert(
@@ -40,6 +52,7 @@ def convert(
     frame: str | None = None,
     to: str | None = None,
     cap: bool = False,
+    repair: bool = False,
     faces: int | None = None,
     **choice: Any,
 ) -> list[str]:
@@ -62,6 +75,8 @@ def convert(
         frame to write in.
     cap : bool, default False
         close the openings of a surface.
+    repair : bool, default False
+        mend a surface: weld it, and leave out faces that are there twice, loose vertices and inner walls.
     faces : int, default None
         decimate a surface to so many triangles.
     **choice
@@ -93,17 +108,21 @@ def convert(
         if value is not None and value not in allowed:
             raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
     if is_surface(source):
-        return _convert_surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
+        mends = Mends(cap, repair, faces)
+        return _convert_surface(source, target, format, units, frame, to, mends, choice)
     suffix, pose = source.suffix.lower(), is_transform(source)
-    if suffix not in (*TABLES, *MARKUPS) and not pose:
+    if not pose and (kind := kind_of(read_bytes(source))) and suffix != ".xlsx":
+        raise InputError(f"{source}: is {kind}")
+    if suffix not in (*POINTS, *MARKUPS) and not pose:
         raise InputError(
-            f"{source}: is not a surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
-            ".txt, .mat) that o3dls knows; is it damaged?"
+            f"{source}: is not a surface, points (a table or a cloud), named places (.mrk.json, .fcsv) or "
+            "pose (.tfm, .txt, .mat) that o3dls knows; is it damaged?"
         )
-    if cap or faces is not None or format or any(v is not None and v is not False for v in choice.values()):
+    chosen = any(value is not None and value is not False for value in choice.values())
+    if cap or repair or faces is not None or format or chosen:
         raise InputError(
-            f"{source}: is not a surface, so cap, faces, format, label, part, box, layer and hidden do "
-            "not apply to it"
+            f"{source}: is not a surface, so cap, repair, faces, format, label, part, box, layer and hidden "
+            "do not apply to it"
         )
     write = _convert_transform if pose else _convert_markups if suffix in MARKUPS else _convert_points
     return write(source, target, units, frame, to)
@@ -116,9 +135,7 @@ def _convert_surface(
     units: str | None,
     frame: str | None,
     to: str | None,
-    *,
-    cap: bool,
-    faces: int | None,
+    mends: Mends,
     choice: dict[str, Any],
 ) -> list[str]:
     file = in_millimetres(source, read_surface_file(source, units=units, frame=frame, **choice), units)
@@ -135,10 +152,13 @@ def _convert_surface(
         surface = surface.transformed(TURN)
     surface, said = joined_soup(surface)
     done += [f"{source}: {said}"] if said else []
-    if cap:
+    if mends.repair:
+        surface, changes = mended(surface, str(source))
+        done += [f"{source}: {change}" for change in changes]
+    if mends.cap:
         surface = closed_outward(surface, str(source), cap=True)
-    if faces is not None and faces < len(surface.faces):
-        surface = decimated(surface, faces)
+    if mends.faces is not None and mends.faces < len(surface.faces):
+        surface = decimated(surface, mends.faces)
     space = to or space
     losses = write_surface(target, surface, space=space, units=file.units, format=format)
     # DIF is in LPS by definition, and its writer has turned the surface
@@ -167,32 +187,6 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
     scale = MILLIMETRES[file.units if file.units in MILLIMETRES else stated]
     surface = file.surface.with_vertices(file.surface.vertices * scale)
     return replace(file, surface=surface, units=scaled_units(stated))
-
-
-def decimated(surface: Surface, faces: int) -> Surface:
-    """Decimate to about `faces` triangles by quadric edge collapse that keeps the topology.
-
-    Fields are read at the closest points of the original.
-    """
-    import pymeshlab
-
-    from ..adapters.meshing import carry_fields
-
-    if faces < 4 or surface.dimension != 3:
-        raise InputError(f"faces = {faces}: only surfaces in 3D are decimated, to at least 4 triangles")
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces.astype(np.int32)))
-    meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=faces, preservetopology=True, preservenormal=True, preserveboundary=True
-    )
-    meshes.meshing_remove_unreferenced_vertices()
-    mesh = meshes.current_mesh()
-    if mesh.face_number() > faces:
-        raise InputError(
-            f"the surface cannot be decimated to {faces} triangles without changing its topology; "
-            f"{mesh.face_number()} are left"
-        )
-    return carry_fields(surface, welded(Surface(mesh.vertex_matrix(), mesh.face_matrix())))
 
 
 def _convert_markups(

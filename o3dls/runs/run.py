@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -18,7 +19,7 @@ from ..io.manifest import write_manifest
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
 from .record import Provenance, RunRecord, checked, plain
-from .tables import ScoreLine, score_rows, score_table
+from .tables import ScoreLine, score_html, score_rows, score_table
 
 log = logging.getLogger("o3dls")
 Record = dict[str, Any]
@@ -84,6 +85,13 @@ class Run:
         return [
             ScoreLine(name, self.scores[name], self.unit, not self.faults_of(name)) for name in self.estimates
         ]
+
+    def __repr__(self) -> str:
+        return f"Run({self.case.name!r}: {', '.join(self.estimates)})"
+
+    def _repr_html_(self) -> str:
+        """The table of the screen, as a notebook shows it."""
+        return f"<p>{escape(str(self).partition(chr(10))[0])}</p>{score_html(self.score_lines)}"
 
     def __str__(self) -> str:
         return f"{escaped(self.case.name)}: mean distances in {self.unit}\n{score_table(self.score_lines)}"

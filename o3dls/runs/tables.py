@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 Scores = Mapping[str, Mapping[str, Any]]  # by set
@@ -46,12 +47,25 @@ def score_rows(scores: Mapping[str, Scores]) -> list[dict[str, Any]]:
 
 def score_table(lines: Sequence[ScoreLine]) -> str:
     """Return mean distances side by side, in aligned columns; sets that no line has are left out."""
-    shown = [heading for heading, (group, _) in SCREEN.items() if any(group in line.scores for line in lines)]
-    rows = [["", *shown, "valid"]]
-    rows += [[line.label, *_format_cells(line, shown), "yes" if line.valid else "no"] for line in lines]
+    rows = _score_cells(lines)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     aligned = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in rows]
     return "\n".join("  ".join(row) for row in aligned)
+
+
+def score_html(lines: Sequence[ScoreLine]) -> str:
+    """Return the same as a table of HTML."""
+    head, *rows = _score_cells(lines)
+    above = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    below = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{above}</tr></thead><tbody>{below}</tbody></table>"
+
+
+def _score_cells(lines: Sequence[ScoreLine]) -> list[list[str]]:
+    """Return the cells of the table on the screen, headings first."""
+    shown = [heading for heading, (group, _) in SCREEN.items() if any(group in line.scores for line in lines)]
+    rows = [["", *shown, "valid"]]
+    return rows + [[line.label, *_format_cells(line, shown), "yes" if line.valid else "no"] for line in lines]
 
 
 def _format_cells(line: ScoreLine, shown: list[str]) -> Iterator[str]:

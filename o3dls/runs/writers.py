@@ -28,5 +28,10 @@ class Writer(Plugin):
         """
         return (self.name, *map(str, self.record().values()))
 
+    def prepare(self) -> None:
+        """Import what writing takes. A pipeline calls this on a thread while its stages run, so that a run
+        does not wait for imports at its end.
+        """
+
     @abstractmethod
     def __call__(self, run: Run, folder: Path) -> None: ...

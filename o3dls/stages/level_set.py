@@ -45,13 +45,6 @@ class LevelSet(Stage):
         default=0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
     )
 
-    def prepare(self) -> None:
-        import pymeshlab  # noqa: F401
-
-        from ..adapters.open3d_module import open3d
-
-        open3d()
-
     def mistake(self, case: Case) -> str | None:
         return spacing_mistake(self.spacing, case.prior, case.units, SCALED)
 

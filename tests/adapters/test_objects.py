@@ -362,7 +362,7 @@ def test_label_volumes_lie_where_their_files_lie(tmp_path: Path) -> None:
         case = case_of(thing, known.vertices[::40], label=1)
         assert (case.frame, case.prior_frame) == ("unknown", "LPS")
         np.testing.assert_allclose(case.prior.vertices, known.vertices, atol=1e-4)
-        with pytest.raises(InputError, match=r"prior: holds 2 labels; say --label \(there are 1, 7\)"):
+        with pytest.raises(InputError, match=r"prior: holds 2 labels; say label= \(there are 1, 7\)"):
             case_of(thing, XYZ)
 
 
@@ -378,7 +378,7 @@ def test_phases_of_a_cine_in_memory_are_chosen_by_number() -> None:
     for thing in things:
         first, last = (o3dls.surface_of(thing, label=7, layer=k).vertices.mean(axis=0) for k in (0, 2))
         assert np.linalg.norm(last - first) == pytest.approx(4.0, abs=1e-3)
-        with pytest.raises(InputError, match="label 7 is in 3 layers; say --layer"):
+        with pytest.raises(InputError, match="label 7 is in 3 layers; say layer="):
             o3dls.surface_of(thing, label=7)
 
 

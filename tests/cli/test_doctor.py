@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import time
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,9 +16,10 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
-from o3dls.cli import doctor
-from o3dls.cli.commands import cli
+from o3dls.cli import doctor, machine
+from o3dls.cli.commands import cli, run_command
 from o3dls.cli.doctor import Check
+from o3dls.cli.words import WRONG_INPUT
 from o3dls.runs.run import Run
 
 
@@ -52,7 +54,7 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
         raise OSError("libusb-1.0.so.0: cannot open shared object file:\n No such file or directory")
 
     monkeypatch.setattr(doctor, "import_module", refuse)
-    check = doctor._check_module("open3d")
+    check = doctor.check_module("open3d")
     assert check.remedy == "sudo apt-get install libusb-1.0-0"
     assert (
         check.found
@@ -61,7 +63,7 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_missing_module_is_installed_by_pip() -> None:
-    check = doctor._check_module("no_such_module_of_ours")
+    check = doctor.check_module("no_such_module_of_ours")
     assert "No module named" in check.found
     assert check.remedy.startswith("python -m pip install")
 
@@ -145,3 +147,54 @@ def test_it_compiles_every_loop_of_a_run_and_its_report(
 def test_the_real_renderer_answers_in_time() -> None:
     """Either outcome is good, as long as the doctor comes back."""
     assert doctor._check_renderer().found
+
+
+@pytest.mark.parametrize(
+    "command", [["demo"], ["run", "--case", "c", "--out", "r"], ["batch", "c", "--out", "r"]]
+)
+@pytest.mark.parametrize(
+    ("library", "module", "package"),
+    [("libEGL.so.1", "open3d", "libegl1"), ("libGL.so.1", "pymeshlab", "libgl1"), ("", "trimesh", "")],
+)
+def test_a_run_says_in_the_first_second_what_cannot_be_imported(
+    command: list[str],
+    library: str,
+    module: str,
+    package: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """As after a plain `pip install` on a machine without a screen: nothing is read or written."""
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(name: str) -> None:
+        if name == module:
+            raise ImportError(f"{library or name}: cannot open shared object file: No such file")
+
+    monkeypatch.setattr(doctor, "import_module", refuse)
+    monkeypatch.setattr(machine, "_is_there", lambda name: name != library)
+    monkeypatch.setattr(machine, "find_spec", lambda name: None if not library and name == module else name)
+    begin = time.process_time()
+    assert run_command(command) == WRONG_INPUT
+    assert time.process_time() - begin < 1.0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_imported_is_said_as_the_doctor_says_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(name: str) -> None:
+        raise OSError("libEGL.so.1: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(doctor, "import_module", refuse)
+    monkeypatch.setattr(machine, "_is_there", lambda name: name != "libEGL.so.1")
+    run_command(["demo"])
+    said = capsys.readouterr().err
+    assert "FAULT open3d: cannot be imported: libEGL.so.1: " in said
+    assert "to fix this, run: sudo apt-get install libegl1" in said
+    assert said.count("\n") == 1
+
+
+def test_what_nothing_needs_of_the_system_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "_is_there", lambda name: False)
+    machine.check_libraries()

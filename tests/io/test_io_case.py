@@ -121,7 +121,7 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
     [
         ("x,y\n1,2\n", "line 1: no column 'z'; there are: x, y"),
         ("x,y,z\n1,2,3\n1,zwei,3\n", "line 3, column 'y': 'zwei' is not a number"),
-        ("x;y;z\n1;2,5;3\n", "line 2, column 'y': '2,5' has a decimal comma; write a decimal point"),
+        ("x;y;z\n1.5;2,5;3\n", "line 2, column 'y': '2,5' has a decimal comma; write a decimal point"),
         ("x,y,z\n1,5,2,5,3\n", "line 2 has 5 cells, the header has 3; decimal commas"),
         ("x,y,z\n1,2,nan\n", "line 2, column 'z': 'nan' is not"),
         ("x,y,z\n1,2,inf\n", "'inf' is not finite"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import zlib
 from pathlib import Path
@@ -290,3 +291,34 @@ def test_a_deflated_data_set_is_read_within_bounds(tmp_path: Path, monkeypatch: 
     path.write_bytes(whole[:132] + b"x" * 12 + whole[144:])  # it does not say where the data set begins
     with pytest.raises(InputError, match=r"a\.dcm"):
         read_surface_file(path, part="LA")
+
+
+@pytest.mark.parametrize(("kind", "scale"), [("LABELMAP", 1), ("FRACTIONAL", 255)])
+def test_segments_packed_by_run_lengths_are_the_same(kind: str, scale: int, tmp_path: Path) -> None:
+    """RLE is what pydicom packs and unpacks itself; 3D Slicer and others write it."""
+    from pydicom.uid import RLELossless
+
+    values = labels() if kind == "LABELMAP" else (labels() == 1).astype(np.float32)[..., None]
+    names = ["LA", "LV"] if kind == "LABELMAP" else ["LA"]
+    plain = segmentation(tmp_path / "plain.dcm", values, names, series(turned()), kind)
+    data = pydicom.dcmread(plain)
+    data.compress(RLELossless)
+    data.save_as(tmp_path / "packed.dcm")
+    assert pydicom.dcmread(tmp_path / "packed.dcm").file_meta.TransferSyntaxUID == RLELossless
+    one, other = (read_surface_file(path, part="LA") for path in (plain, tmp_path / "packed.dcm"))
+    np.testing.assert_array_equal(one.surface.vertices, other.surface.vertices)
+
+
+def test_a_packing_that_nothing_here_unpacks_is_named(tmp_path: Path) -> None:
+    """Deflated frames came into DICOM in 2024, and pydicom 3.0 has no decoder for them."""
+    path = segmentation(tmp_path / "a.dcm", labels(), ["LA", "LV"], series(turned()), "LABELMAP")
+    data = pydicom.dcmread(path)
+    data.compress(pydicom.uid.RLELossless)
+    data.file_meta.TransferSyntaxUID = jpeg = pydicom.uid.JPEG2000MC  # nothing decodes its second part
+    data.save_as(path)
+    frames = b"1.2.840.10008.1.2.8.1\0"
+    for syntax in (jpeg.encode(), frames):
+        path.write_bytes(path.read_bytes().replace(jpeg.encode(), syntax))
+        name = re.escape(syntax.decode().rstrip("\0"))
+        with pytest.raises(InputError, match=rf"packed by .*{name}\), which pydicom .* without compression"):
+            read_surface_file(path, part="LA")

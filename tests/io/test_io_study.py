@@ -148,7 +148,7 @@ def test_maps_are_named_where_the_name_does_not_fit(tmp_path: Path) -> None:
         import_study(folder, "x", tmp_path / "case")
     assert not (tmp_path / "case").exists()
     assert read_study(folder).name == "1-Map"  # the only one with points
-    with pytest.raises(InputError, match=r"holds no 2 empty µ_car\.txt"):
+    with pytest.raises(InputError, match=r"holds no 2-Map_car\.txt, and its XML no points"):
         read_study(folder, "2 empty µ")
     (folder / "Study 1.xml").unlink()
     with pytest.raises(InputError, match="holds no CARTO 3 study"):
@@ -525,7 +525,10 @@ def test_ensite_x_shell_and_labels_are_those_of_the_contact_mapping_model(tmp_pa
 
 def test_ensite_points_that_do_not_say_whether_they_are_utilised_are_refused(tmp_path: Path) -> None:
     for change, sentence in (
-        (DXL.replace("9,1,0.5,", "9,,0.5,"), r"line 10: 'utilized' is blank, in 1 of 3 rows: must be 1 or 0"),
+        (
+            DXL.replace("9,1,0.5,", "9,,0.5,"),
+            r"line 10: 'utilized' is blank, in 1 of 3 points",
+        ),
         (DXL.replace(",9,1,", ",9,0,"), "none of its points is utilised"),
     ):
         (tmp_path / "a.csv").write_text(change)
@@ -574,9 +577,8 @@ def test_ensite_files_of_one_map_are_joined_by_the_number_of_the_point(tmp_path:
     assert set(points.columns) == {"bipolar", "lat"}
     other_map = numbered("LAT_bi", "LAT,LAT valid", *times).replace("lab", "other")
     moved = numbered("LAT_bi", "LAT,LAT valid", *times[:2], "3,7,8,9.5,1,-30,1")
-    twice = numbered("LAT_bi", "LAT,LAT valid", *times, times[2])
     apart = numbered("LAT_bi", "LAT,LAT valid", *times[:2])  # no point is in both
-    for doubtful in (other_map, moved, twice, apart):
+    for doubtful in (other_map, moved, apart):
         (tmp_path / "b.csv").write_text(doubtful)
         with pytest.raises(InputError, match="several maps fit; say which file with --map"):
             read_study(tmp_path)
@@ -652,7 +654,7 @@ def test_one_openep_reference_counts_for_all_points(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "where",
-    ["electric.include", "electric.voltages.bipolar", "electric.annotations.mapAnnot", "surface.act_bip"],
+    ["electric.include", "electric.voltages.bipolar", "electric.annotations.mapAnnot"],
 )
 def test_an_openep_column_that_is_too_short_is_named(where: str, tmp_path: Path) -> None:
     tree = openep_tree()

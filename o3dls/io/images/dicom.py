@@ -26,6 +26,7 @@ PIXELS = 0x7FE00010
 MAY_FOLLOW = (b"\xfa\xff\xfa\xff", b"\xfc\xff\xfc\xff")  # tags of signatures and of padding
 GROUP_LENGTH = b"\2\0\0\0UL\4\0"  # how long the head before the data set is
 DEFLATED = b"1.2.840.10008.1.2.1.99"
+PLAIN = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2", DEFLATED.decode())
 LONGEST_META = 1 << 16  # bytes of the head before the data set
 FIRST_FILES = 50  # so many files of a folder are looked at
 FEWEST_GAPS = 2  # between frames, which tell how far slices are apart
@@ -77,6 +78,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
             _check_deflated(path, data)
             dataset = pydicom.dcmread(BytesIO(data))
             _check_kind(path, dataset)
+            _check_packing(path, dataset)
             _check_end(path, dataset, data)
             _check_spacing(path, dataset)
             return _image_of_segments(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
@@ -114,6 +116,25 @@ def _check_kind(path: Path, header: Any) -> None:
     raise InputError(
         f"{path}: is DICOM of modality {modality} ({name}), and no segmentation (SEG): {SEGMENT_FIRST}"
     )
+
+
+def _check_packing(path: Path, dataset: Any) -> None:
+    """Raise InputError where pydicom has no decoder for how the voxels are packed."""
+    from pydicom import __version__
+    from pydicom.pixels import get_decoder
+
+    syntax = dataset.file_meta.TransferSyntaxUID
+    if syntax in PLAIN:
+        return
+    try:
+        known = get_decoder(syntax).is_available
+    except NotImplementedError:
+        known = False
+    if not known:
+        raise InputError(
+            f"{path}: its voxels are packed by {syntax.name} ({syntax}), which pydicom {__version__} does "
+            "not unpack; save it without compression, as by dcmconv or gdcmconv --raw"
+        )
 
 
 def _check_end(path: Path, dataset: Any, data: bytes) -> None:

@@ -8,16 +8,22 @@ import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from ...errors import InputError
-from ..text import read_bytes
+from ..text import as_utf8, read_bytes
 
 LARGEST = 1 << 31  # bytes of one file
 SEVEN_ZIP = b"7z\xbc\xaf\x27\x1c"
 UNPACKING = (zlib.error, lzma.LZMAError, OSError, ValueError)  # of deflate, LZMA and bzip2
 MOST_FILES = 1_000_000
+DEEPEST = 3  # zips in each other
+UTF8_FLAG, ZIP_ENCODING = (
+    0x800,
+    "cp437",
+)  # what says that a name is UTF-8, and what it is else by the standard
 # how many times its packed size a file may have, if it is larger than LARGE: text packs to about a tenth
 MOST_PACKED, LARGE = 200, 1 << 22
 
@@ -31,6 +37,7 @@ class Archive:
     path: Path
     names: tuple[str, ...]
     zipped: Mapping[str, tuple[zipfile.ZipFile, zipfile.ZipInfo]] = field(default_factory=dict)
+    opened: frozenset[str] = frozenset()  # zips whose files are among the names
 
     @classmethod
     def open(cls, path: str | Path) -> Archive:
@@ -56,7 +63,7 @@ class Archive:
             file = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError, zlib.error) as error:
             raise InputError(f"{path}: is not a readable zip: {error}; it is truncated or damaged") from None
-        found = {info.filename.replace("\\", "/"): (file, info) for info in file.infolist()[:MOST_FILES]}
+        found = {_file_name(info).replace("\\", "/"): (file, info) for info in file.infolist()[:MOST_FILES]}
         found = {
             name: where
             for name, where in found.items()
@@ -65,14 +72,27 @@ class Archive:
         return cls(path, tuple(sorted(found)), found)
 
     def unpacked(self) -> Iterator[Archive]:
-        """Yield the archive with the files of the one zip in it, if it is zipped and holds just one. Raises
-        InputError where that is damaged.
+        """Yield the archive with the files of the zips in it as well, and in those, if it holds any. Raises
+        InputError where none of them can be read.
         """
-        inner = self.named(".zip")
-        if self.zipped and len(inner) == 1:
-            within = self._open_zip(self.path / inner[0], self.read(inner[0])).zipped
-            found = {**self.zipped, **{f"{inner[0]}/{name}": where for name, where in within.items()}}
-            yield Archive(self.path, tuple(sorted(found)), found)
+        whole = self
+        for _ in range(DEEPEST):
+            inner = [name for name in whole.named(".zip") if f"{name}/" not in whole.opened]
+            if not inner:
+                return
+            found, opened = dict(whole.zipped), {*whole.opened, *(f"{name}/" for name in inner)}
+            faults = []
+            for name in inner:
+                try:
+                    within = self._open_zip(self.path / name, whole.read(name)).zipped
+                    found |= {f"{name}/{one}": where for one, where in within.items()}
+                except InputError as error:
+                    faults.append(error)
+            if len(faults) == len(inner):
+                raise faults[0]
+            names = tuple(sorted({*whole.names, *found}))
+            whole = Archive(self.path, names, found, frozenset(opened))
+            yield whole
 
     def with_neighbours(self) -> Archive:
         """Return the archive of all that lies in the folder, where one file of it was named."""
@@ -80,8 +100,8 @@ class Archive:
 
     def read(self, name: str) -> bytes:
         """Read the bytes of one file. Raises InputError where it is locked or damaged."""
-        if not self.zipped:
-            return read_bytes(self.path / name)
+        if name not in self.zipped:
+            return as_utf8(read_bytes(self.path / name))
         file, info = self.zipped[name]
         if info.file_size > LARGEST:
             raise InputError(f"{self.path}: {name} unpacks to more than {LARGEST} bytes")
@@ -91,7 +111,7 @@ class Archive:
                 "file of a study does; if it is one, unpack the zip and name the folder"
             )
         try:
-            return file.read(info)
+            return as_utf8(file.read(info))
         except NotImplementedError as error:  # before RuntimeError, of which it is a subclass
             raise InputError(
                 f"{self.path}: {name}: {error}; unpack it with another program and name the folder"
@@ -106,11 +126,12 @@ class Archive:
         return self.path / name
 
     def find(self, folder: str, name: str) -> str | None:
-        """Return the file of a name in a folder, upper and lower case and both forms of an accent alike; None
-        where there is none.
+        """Return the file of a name in a folder, upper and lower case and both forms of an accent alike, in
+        whatever encoding a zip has its name; None where there is none.
         """
         wanted = _plain_name(str(PurePosixPath(folder) / name))
-        return next((n for n in self.names if _plain_name(n) == wanted), None)
+        exact = (n for n in self.names if _plain_name(n) == wanted)
+        return next(exact, None) or next((n for n in self.names if wanted in _other_readings(n)), None)
 
     def named(self, ending: str) -> list[str]:
         """Return the files whose names have an ending."""
@@ -120,3 +141,24 @@ class Archive:
 def _plain_name(name: str) -> str:
     """Return a name in the form in which all file systems agree on it."""
     return unicodedata.normalize("NFC", name).lower()
+
+
+def _file_name(info: zipfile.ZipInfo) -> str:
+    """Return the name of a file in a zip, as UTF-8 where it is that without saying so, as macOS writes it."""
+    name = info.filename
+    if info.flag_bits & UTF8_FLAG or name.isascii():
+        return name
+    try:
+        return name.encode(ZIP_ENCODING).decode("utf-8")
+    except UnicodeError:
+        return name
+
+
+def _other_readings(name: str) -> set[str]:
+    """Return how a name that zipfile read as cp437 reads in the other encodings that programs write."""
+    if name.isascii():
+        return set()
+    with suppress(UnicodeEncodeError):
+        data = name.encode(ZIP_ENCODING)
+        return {_plain_name(data.decode(encoding, errors="replace")) for encoding in ("cp850", "cp1252")}
+    return set()

@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...case import Points
 from ...geometry.surface import Surface
+from .imported import Imported, joined
 
 REACH = 20.0  # mm from its shell and points: beyond the noise of any system no site is on that wall
 GAPS = 3.0  # typical gaps between points that a map without a shell reaches beyond them, where that is more
@@ -68,3 +69,15 @@ def of_one_map(sites: Points, own: Anatomy, others: Sequence[Anatomy]) -> tuple[
         f"{off[apart].max():.0f} mm from the shell and the points of this map: they are of another chamber"
     )
     return sites.select(~apart), said
+
+
+def take_sites(found: Imported, sites: Points, source: str, others: Sequence[Anatomy]) -> int:
+    """Join the ablation sites that lie on this map to its points, and say which do not; gives their
+    number.
+    """
+    own = Anatomy(found.points.of("eam").xyz, found.shell.surface if found.shell else None)
+    sites, left = of_one_map(sites, own, others)
+    found.points = joined(found.points, sites)
+    if left:
+        found.left.append(f"{source}: {left}")
+    return len(sites)

@@ -9,19 +9,20 @@ import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from ...case import Points
 from ...errors import InputError
 from ...geometry.similarity import apply, is_pose
 from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
-from ..text import is_count
+from ..text import decode, is_count, rectangle
 from .archive import Archive
 from .belonging import Anatomy
 from .carto_points import read_car, read_sites
@@ -34,13 +35,22 @@ OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, 
 
 @dataclass(frozen=True)
 class Map:
-    """A map is one of the study's as its XML describes it; tags: id of a point -> full names of its tags."""
+    """A map is one of the study's as its XML describes it.
+
+    tags and places: the tags of each point, and its place as printed, by its id.
+    """
 
     name: str
     files: tuple[str, ...]
     volume_ml: float | None
     points: int
     tags: dict[int, list[str]] = field(default_factory=dict)
+    places: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def stems(self) -> list[str]:
+        """How the names of its files begin: as the study says, which need not be as people see the map."""
+        return list(dict.fromkeys([*(PurePosixPath(file).stem for file in self.files), self.name]))
 
 
 @dataclass(frozen=True)
@@ -56,13 +66,19 @@ class Study:
     shells: tuple[tuple[str, tuple[float, ...] | None], ...]
 
     def map(self, name: str | None) -> Map:
-        """Return the map of that name, or the only one with points. Raises InputError listing what there
-        is.
+        """Return the map of that name or with a file of that name, or the only one with points. Raises
+        InputError listing what there is.
         """
-        listed = ", ".join(f"{m.name} ({m.points} points)" for m in self.maps)
+        names = [m.name for m in self.maps]
+        apart = [f"{', '.join(m.files)}, " if names.count(m.name) > 1 else "" for m in self.maps]
+        listed = ", ".join(f"{m.name} ({f}{m.points} points)" for m, f in zip(self.maps, apart, strict=True))
         found = [m for m in self.maps if (m.name == name if name else m.points > 0)]
+        if name and len(found) != 1:  # maps of one name have different files
+            found = [m for m in self.maps if name in (*m.files, *m.stems[: len(m.files)])] or found
         if len(found) != 1:
-            what = f"no map '{name}'" if name else f"{len(found)} maps with points; say which with --map"
+            many = f"{len(found)} maps {'of that name' if name else 'with points'}"
+            which = "say which with --map" + (", by the name of its file" if name else "")
+            what = f"{many}; {which}" if found or not name else f"no map '{name}'"
             raise InputError(f"{self.archive.path}: {what}: there are {listed}")
         return found[0]
 
@@ -86,7 +102,8 @@ def find_study(archive: Archive) -> Study | None:
 
 def _read_xml(archive: Archive, name: str) -> Study:
     where = archive.where(name)
-    root = parse_xml(where, _as_utf8(archive.read(name)))
+    # CARTO declares no encoding, and writes UTF-8 in one version, cp1252 in another
+    root = parse_xml(where, decode(archive.read(name), where).encode())
     units = root.find("Units")
     if units is not None and units.get("Distance", "mm") != "mm":
         raise InputError(f"{where}: its distances are in {units.get('Distance')}: must be mm")
@@ -97,30 +114,25 @@ def _read_xml(archive: Archive, name: str) -> Study:
     return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_list_shells(root)))
 
 
-def _as_utf8(data: bytes) -> bytes:
-    """Return the bytes as UTF-8: CARTO declares no encoding and writes UTF-8 in one version, cp1252 in
-    another.
-    """
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace").encode()
-    return data
-
-
 def _read_map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     tags: dict[int, list[str]] = {}
+    places: dict[int, str] = {}
     points = element.findall("CartoPoints/Point")
     for point in points:
         ids = " ".join(tag.text or "" for tag in point.iterfind("Tags")).split()
-        if ids and is_count(point.get("Id", "")):
-            tags[int(point.get("Id", ""))] = [tag_names.get(i, i) for i in ids]
+        if not is_count(point.get("Id", "")):
+            continue
+        number = int(point.get("Id", ""))
+        places[number] = point.get("Position3D", "")
+        if ids:
+            tags[number] = [tag_names.get(i, i) for i in ids]
     return Map(
         element.get("Name", ""),
         tuple(re.findall(r"[^;|]+?\.mesh", element.get("FileNames", ""))),
         _number_or_none(element.get("Volume")),
         len(points),
         tags,
+        places,
     )
 
 
@@ -162,17 +174,37 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
     return mesh_file.read(study.archive.where(found), study.archive.read(found))
 
 
-def read_map_points(study: Study, wanted: Map) -> Points:
-    """Read measured points of a map, all as eam, with their tags as text."""
-    name = study.archive.find(study.folder, f"{wanted.name}_car.txt")
-    if name is None:
+def read_map_points(study: Study, wanted: Map) -> tuple[Points, list[str]]:
+    """Read measured points of a map, all as eam, with their tags as text, and sentences on what is not
+    there.
+    """
+    points, ids, left = _read_points(study, wanted)
+    tags = np.array([BETWEEN.join(wanted.tags.get(int(k), [])) for k in ids], dtype=str)
+    return replace(points, columns={**points.columns, "tags": tags}), left
+
+
+def _read_points(study: Study, wanted: Map) -> tuple[Points, Ints, list[str]]:
+    """Read the points of a map and their ids from `_car.txt`, else their places from the study's XML, and say
+    so.
+    """
+    names = [f"{stem}_car.txt" for stem in wanted.stems]
+    where = study.archive.where(study.folder)
+    for archive in chain([study.archive], study.archive.unpacked()):
+        beside = (archive.find(study.folder, name) for name in names)
+        zipped = (file for name in names for file in archive.named(f"/{name}") if ".zip/" in file)
+        for file in filter(None, chain(beside, zipped)):
+            return *read_car(archive.where(file), archive.read(file)), []
+    if not wanted.places:
         raise InputError(
-            f"{study.archive.where(study.folder)}: holds no {wanted.name}_car.txt; export the map's "
+            f"{where}: holds no {names[0]}, and its XML no points of map {wanted.name}; export the map's "
             "points too"
         )
-    points, ids = read_car(study.archive.where(name), study.archive.read(name))
-    tags = np.array([BETWEEN.join(wanted.tags.get(int(k), [])) for k in ids], dtype=str)
-    return replace(points, columns={**points.columns, "tags": tags})
+    ids = np.array(list(wanted.places), dtype=np.int64)
+    xyz = rectangle(list(wanted.places.values()))
+    if xyz is None or xyz.shape != (len(ids), 3) or not np.isfinite(xyz).all():
+        raise InputError(f"{where}: its XML has a Position3D that is not three finite numbers")
+    left = f"voltages and times: there is no {names[0]}, so the points are those of the study's XML"
+    return Points(xyz, np.full(len(xyz), "eam")), ids, [left]
 
 
 def read_anatomy(study: Study, of: Map) -> Anatomy:
@@ -181,7 +213,7 @@ def read_anatomy(study: Study, of: Map) -> Anatomy:
     with suppress(InputError):
         shell = read_shell(study, of.files[0]).surface if of.files else None
     with suppress(InputError):
-        points = read_map_points(study, of).xyz
+        points = read_map_points(study, of)[0].xyz
     return Anatomy(points, shell)
 
 

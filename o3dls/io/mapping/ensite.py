@@ -5,7 +5,7 @@ shell.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
-from ..text import cells_of, check_numbers, decode
+from ..text import cells_of, check_numbers, decode, is_missing
 from .imported import joined
 
 # first part of the map type -> columns that hold its value
@@ -56,14 +56,15 @@ class Export:
         """
         values = []
         for (line, _), cell in zip(self.rows, self.column(name), strict=True):
-            text = "nan" if cell.strip().lower() in ("", "invalid", "n/a") else cell
+            text = "nan" if not cell.strip() or is_missing(cell.strip()) else cell
             check_numbers([text], 1, f"{self.path}: line {line}, column '{name}'", "value")
             values.append(float(text) if np.isfinite(float(text)) else np.nan)
         return np.array(values)
 
-    def xyz(self, names: Sequence[str]) -> Array:
+    def xyz(self, names: Sequence[str], used: NDArray[np.bool_] | None = None) -> Array:
+        """Return places (n, 3). Raises InputError where one, of the rows that are `used`, is not finite."""
         xyz = np.column_stack([self.numbers(name) for name in names]).reshape(-1, 3)
-        bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
+        bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1) & (True if used is None else used))
         if len(bad):
             raise InputError(
                 f"{self.path}: line {self.rows[bad[0]][0]}: position {xyz[bad[0]]} is not finite"
@@ -129,46 +130,69 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
     """
     places = ("roving x", "roving y", "roving z")
     export = parse(path, data, places)
-    xyz = export.xyz(places)
-    used = _utilised_rows(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
+    used = _utilised_rows(export)
+    xyz = export.xyz(places, used)[used]
     columns = _map_values(export)
     if NUMBER in export.header:
         columns[NUMBER] = export.numbers(NUMBER)
     if "force (g)" in export.header:
         columns["force"] = export.numbers("force (g)")
-    return Points(xyz, np.full(len(xyz), "eam"), columns).select(used), export.preamble
+    columns = {name: values[used] for name, values in columns.items()}
+    return Points(xyz, np.full(len(xyz), "eam"), columns), export.preamble
 
 
 def by_number(first: Points, second: Points) -> Points | None:
     """Return the points of two exports of one map, which need not use the same rows, joined by their numbers;
-    a value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in
-    both, or one that is in both differs.
+    a value that only one has is NaN elsewhere. A number that comes more than once, as one does for all
+    electrodes of a catheter at one moment, is joined by the place as well.
+
+    None where a number is missing, no point is in both, or one that is in both differs.
     """
     numbers = [points.columns.get(NUMBER, np.full(len(points), np.nan)) for points in (first, second)]
-    if any(np.isnan(n).any() or len(np.unique(n)) < len(n) for n in numbers):
+    if any(np.isnan(n).any() for n in numbers):
         return None
-    _, one, other = np.intersect1d(numbers[0], numbers[1], assume_unique=True, return_indices=True)
+    keys = [_row_keys(n, points.xyz) for n, points in zip(numbers, (first, second), strict=True)]
+    both_have, mine, theirs = np.intersect1d(keys[0], keys[1], return_indices=True)
+    alone = [values[counts == 1] for values, counts in (np.unique(n, return_counts=True) for n in numbers)]
+    moved = np.setdiff1d(np.intersect1d(alone[0], alone[1]), numbers[0][mine])
     shared = first.columns.keys() & second.columns.keys()
-    alike = np.array_equal(first.xyz[one], second.xyz[other]) and all(
-        np.array_equal(first.columns[name][one], second.columns[name][other], equal_nan=True)
+    alike = len(moved) == 0 and all(
+        np.array_equal(first.columns[name][mine], second.columns[name][theirs], equal_nan=True)
         for name in shared
     )
-    if len(one) == 0 or not alike:
+    if len(both_have) == 0 or not alike:
         return None
-    both = joined(first, second.select(~np.isin(numbers[1], numbers[0])))
+    both = joined(first, second.select(~np.isin(np.arange(len(second)), theirs)))
     for name in second.columns.keys() - first.columns.keys():
-        both.columns[name][one] = second.columns[name][other]
-    return both.select(np.argsort(both.columns[NUMBER]))
+        both.columns[name][mine] = second.columns[name][theirs]
+    return both.select(np.argsort(both.columns[NUMBER], kind="stable"))
+
+
+def _row_keys(numbers: Array, xyz: Array) -> NDArray[Any]:
+    """Return a key (n,) of each row: its number, its place, and how many such rows stand before it."""
+    rows = np.column_stack([numbers, xyz])
+    _, same = np.unique(rows, axis=0, return_inverse=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    ranked = same.ravel()[order]
+    before = np.empty(len(rows))
+    before[order] = np.arange(len(rows)) - np.searchsorted(ranked, ranked)
+    return np.ascontiguousarray(np.column_stack([rows, before])).view([("", float)] * 5).ravel()
 
 
 def _utilised_rows(export: Export) -> NDArray[np.bool_]:
-    """Return the rows that the map uses. Raises InputError where a row does not say."""
-    marks = export.numbers("utilized")
+    """Return the rows that the map uses: all where the export does not say."""
+    if "utilized" not in export.header:
+        return np.ones(len(export.rows), dtype=bool)
+    return utilised(str(export.path), export.numbers("utilized"), lambda row: f"line {export.rows[row][0]}")
+
+
+def utilised(where: str, marks: Array, place: Callable[[int], str]) -> NDArray[np.bool_]:
+    """Return which points the map uses. Raises InputError where one does not say; `place` names it."""
     blank = np.flatnonzero(np.isnan(marks))
     if len(blank):
         raise InputError(
-            f"{export.path}: line {export.rows[blank[0]][0]}: 'utilized' is blank, in {len(blank)} of "
-            f"{len(marks)} rows: must be 1 or 0; without the column every point is taken"
+            f"{where}: {place(int(blank[0]))}: 'utilized' is blank, in {len(blank)} of "
+            f"{len(marks)} points: must be 1 or 0; without it every point is taken"
         )
     return np.asarray(marks == 1)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...case import Points
+from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
 
 
@@ -30,6 +33,16 @@ class Imported:
     took: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def optional(self, part: str) -> Iterator[None]:
+        """Take a part of a study that a case does not need: where it cannot be read, that is said under
+        `left`.
+        """
+        try:
+            yield
+        except InputError as error:
+            self.left.append(f"{part}: {error}")
 
 
 def joined(first: Points, second: Points) -> Points:

@@ -249,7 +249,7 @@ def _read_places(path: Path) -> tuple[Markups, dict[str, str]]:
 
     Raises InputError.
     """
-    if path.suffix.lower() != ".csv":
+    if path.suffix.lower() in (".json", ".fcsv"):
         return read_markups(path), {"units": "mm"}
     table = read_table(path, ("name", "x", "y", "z"))
     units = table.notes.get("units", "unknown")

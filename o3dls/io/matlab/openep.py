@@ -14,6 +14,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.surface import Surface
+from ..kinds import kind_of
 from ..meshes.carto.mesh import MISSING
 from ..meshes.surface_file import SurfaceFile, left_out
 from . import mat
@@ -41,7 +42,12 @@ def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
             f"{path}: userdata is a MATLAB object of class {found.of}; save it as a struct of plain arrays"
         )
     if not isinstance(found, Mapping):
-        raise InputError(f"{path}: holds no struct 'userdata'; it is not an OpenEP data set")
+        kind = kind_of(data)  # HDF5 that MATLAB did not write
+        raise InputError(
+            f"{path}: is {kind}"
+            if kind
+            else f"{path}: holds no struct 'userdata'; it is not an OpenEP data set"
+        )
     return found
 
 

@@ -68,6 +68,11 @@ class Cells:
         rows = [np.flatnonzero(chosen & (self.sizes == size)) for size in np.unique(self.sizes[chosen])]
         return [(self.corners[starts[r, None] + np.arange(self.sizes[r[0]])], r) for r in rows]
 
+    @property
+    def faces(self) -> int:
+        """How many of the cells are of a surface, or have one."""
+        return len(self) - self.count(*POINTS_AND_LINES)
+
     def count(self, *kinds: int) -> int:
         return int(np.isin(self.types, kinds).sum())
 

@@ -15,6 +15,7 @@ from ...errors import InputError, escaped
 from ...geometry.surface import Surface
 from ..atomic import staged_files, write_file
 from ..text import decode, integers, is_count, join_rows, number_rows, read_bytes
+from .cloud import Cloud
 from .surface_file import SurfaceFile, left_out, unused
 
 MICROMETRES = 1000.0
@@ -54,6 +55,18 @@ def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
     file = SurfaceFile.of(elements, vertices, faces, fields, cells=tags, units=units or "mm")
     _check_units(points, file.surface, units)
     return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
+
+
+def read_cloud(path: Path, data: bytes) -> Cloud:
+    """Read the points of a `.pts` file with the values beside it, in micrometres where they extend as far as
+    those of a heart do; a mesh has triangles beside it. Raises InputError.
+    """
+    n, lines = _read_lines(path)
+    xyz = number_rows(lines[:n], 3, path, range(2, n + 2), "point")
+    values = _apply_masks({name: _read_values(dat, n) for name, dat in _field_paths(path).items()})
+    extent = float(np.linalg.norm(np.ptp(xyz, axis=0))) / MICROMETRES if n else 0.0
+    units = "um" if LIKELY[0] <= extent <= LIKELY[1] else "unknown"
+    return Cloud(xyz, values, units=units, faces=int(path.with_suffix(".elem").is_file()))
 
 
 def _read_tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import is_count, typed
+from .cloud import Cloud
 from .ply_rows import Columns, Element, Property, ascii_rows, binary_rows, truncated
 from .surface_file import NOTICE, SurfaceFile, check_end, flatten_fields, gather_fields
 from .triangulation import triangulate
@@ -37,6 +38,34 @@ def knows(data: bytes) -> bool:
 
 def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a PLY file. Raises InputError naming the file and what is missing or wrong."""
+    named, tables, comments = _read_tables(path, data)
+    vertices = _stack_vertices(path, tables.get("vertex", {}))
+    lists = [prop.name for prop in named["face"].properties if prop.count] if "face" in named else []
+    corners = next((name for name in CORNERS if name in lists), None)
+    if corners is None:
+        raise InputError(
+            f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
+        )
+    blocks, rows = _group_by_size(tables["face"][corners])
+    triangles, owner = triangulate(vertices, *blocks)
+    fields, notes = _gather_columns(named["vertex"], tables["vertex"])
+    values, more = _gather_columns(named["face"], tables["face"])
+    cells = {name: array[rows[owner]] for name, array in values.items()}
+    return SurfaceFile.of(
+        path, vertices, triangles, fields, cells=cells, header=comments, notes=[*notes, *more]
+    )
+
+
+def read_cloud(path: Path, data: bytes) -> Cloud:
+    """Decode the vertices of a PLY file with their values. Raises InputError."""
+    named, tables, comments = _read_tables(path, data)
+    vertices = _stack_vertices(path, tables.get("vertex", {}))
+    faces = named["face"].rows if "face" in named else 0
+    return Cloud.stated(vertices, _gather_columns(named["vertex"], tables["vertex"])[0], comments, faces)
+
+
+def _read_tables(path: Path, data: bytes) -> tuple[dict[str, Element], dict[str, Columns], str]:
+    """Return the elements by name, their tables, and the comments."""
     end = re.search(rb"^end_header[ \t]*\r?\n", data[:1_000_000], re.MULTILINE)
     if end is None:
         raise InputError(f"{path}: PLY header has no line 'end_header'; the file is truncated or not a PLY")
@@ -55,22 +84,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         if order
         else _ascii_tables(path, elements, body, len(header) + 2)
     )
-    vertices = _stack_vertices(path, tables.get("vertex", {}))
-    named = {element.name: element for element in elements}
-    lists = [prop.name for prop in named["face"].properties if prop.count] if "face" in named else []
-    corners = next((name for name in CORNERS if name in lists), None)
-    if corners is None:
-        raise InputError(
-            f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
-        )
-    blocks, rows = _group_by_size(tables["face"][corners])
-    triangles, owner = triangulate(vertices, *blocks)
-    fields, notes = _gather_columns(named["vertex"], tables["vertex"])
-    values, more = _gather_columns(named["face"], tables["face"])
-    cells = {name: array[rows[owner]] for name, array in values.items()}
-    return SurfaceFile.of(
-        path, vertices, triangles, fields, cells=cells, header=comments, notes=[*notes, *more]
-    )
+    return {element.name: element for element in elements}, tables, comments
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:

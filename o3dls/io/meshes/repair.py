@@ -170,7 +170,7 @@ def coherent(surface: Surface, where: str) -> Surface:
         edge = divmod(int(key[order][start[np.argmax(count)]]), n)
         raise InputError(
             f"{where}: {(count > 2).sum()} edges have more than two triangles, such as {edge}; a surface "
-            "must be a manifold"
+            "must be a manifold: mend it with `o3dls convert --repair`"
         )
     first = order[start[count == 2]]
     second = order[start[count == 2] + 1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...errors import InputError
-from ..text import check_numbers, integers, is_count
+from ..text import check_numbers, integers, is_count, is_missing, plain_missing
 
 TYPES = {
     **dict.fromkeys(("bit", "unsigned_char"), "u1"),
@@ -107,9 +107,7 @@ class Cursor:
             end = self.data.find(b"\n", self.at)
             end = len(self.data) if end < 0 else end
             line = self.data[self.at : end].split()
-            if self.at >= len(self.data) or (
-                line and line[0][:1].isalpha() and line[0].lower() not in (b"nan", b"inf")
-            ):
+            if self.at >= len(self.data) or (line and line[0][:1].isalpha() and not _is_value(line[0])):
                 raise self.error(f"{n} numbers are declared, {len(words)} are there")
             words += line
             self.at = end + 1
@@ -121,7 +119,8 @@ class Cursor:
             return np.array(words, dtype=np.float64) if words else np.zeros(0)
         except ValueError:
             self._check_lines(start)
-            raise
+            text = b" ".join(words).decode("ascii")
+            return np.array(plain_missing(text).split(), dtype=np.float64)
 
     def _check_lines(self, start: int) -> None:
         """Raise InputError naming the first line, of those read from `start` on, with a word that is no
@@ -150,3 +149,8 @@ class Cursor:
             width = 8 >> (self.data[self.at] >> 6)
             head = int.from_bytes(self.data[self.at : self.at + width], "big") & ((1 << (8 * width - 2)) - 1)
             self.at += width + head
+
+
+def _is_value(word: bytes) -> bool:
+    """Return whether a word that begins with a letter may stand where a number is expected."""
+    return word.lower() == b"inf" or is_missing(word.decode("ascii", errors="replace"))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Ints
 from ..text import typed
 from .cells import POLYGON, STRIP, TEXT, Cells, surface_of
+from .cloud import Cloud
 from .surface_file import NOTICE, SurfaceFile
 from .vtk_cursor import TYPES, Cursor
 
@@ -33,6 +34,18 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a legacy VTK file; polygons and strips become triangles, solids their boundary, cell data are
     carried to the points. Raises InputError naming the place.
     """
+    vertices, cells, on_points, on_cells, title = _parse(path, data)
+    return surface_of(path, vertices, cells, on_points, on_cells, header=title, metadata={"title": title})
+
+
+def read_cloud(path: Path, data: bytes) -> Cloud:
+    """Decode the points of a legacy VTK file with their values. Raises InputError."""
+    vertices, cells, on_points, _, title = _parse(path, data)
+    return Cloud.stated(vertices, on_points, title, cells.faces)
+
+
+def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, str]:
+    """Return points, cells, values of both, and the title."""
     cursor = Cursor(path, data)
     cursor.line()
     title = cursor.line()
@@ -64,15 +77,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     cells = Cells.joined([parts[what] for what in KINDS if what in parts])
     if (cells.types == KINDS["CELLS"]).any():
         raise cursor.error("the kinds of the CELLS are not stated: CELL_TYPES must follow them")
-    return surface_of(
-        path,
-        vertices,
-        cells,
-        data_of["POINT_DATA"],
-        data_of["CELL_DATA"],
-        header=title,
-        metadata={"title": title},
-    )
+    return vertices, cells, data_of["POINT_DATA"], data_of["CELL_DATA"], title
 
 
 def _read_cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:

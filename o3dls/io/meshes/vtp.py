@@ -20,6 +20,7 @@ from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import integers
 from .cells import POLYGON, STRIP, TEXT, Cells, surface_of
+from .cloud import Cloud
 from .surface_file import NOTICE, SurfaceFile
 from .vtp_arrays import Arrays, open_xml
 
@@ -36,6 +37,20 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a VTP or VTU file; pieces are joined, polygons become triangles, solids their boundary, cell
     data are carried to the points. Raises InputError naming the array that does not fit.
     """
+    vertices, cells, on_points, on_cells, notes = _parse(path, data)
+    space, units = notes["SPACE"], notes["UNITS"]
+    return surface_of(path, vertices, cells, on_points, on_cells, space=space, units=units)
+
+
+def read_cloud(path: Path, data: bytes) -> Cloud:
+    """Decode the points of a VTP or VTU file with their values. Raises InputError."""
+    vertices, cells, on_points, _, notes = _parse(path, data)
+    space, units = notes["SPACE"] or "unknown", (notes["UNITS"] or "unknown").lower()
+    return Cloud(vertices, on_points, space, units, cells.faces)
+
+
+def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[str, str | None]]:
+    """Return points, cells, values of both, and what is stated of frame and units."""
     root, appended = open_xml(path, data)
     kind = root.get("type")
     if kind not in ("PolyData", "UnstructuredGrid"):
@@ -50,15 +65,10 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         for piece, start in zip(pieces, first, strict=False)
     ]
     notes = {name: arrays.text(root, name) for name in ("SPACE", "UNITS")}
-    return surface_of(
-        path,
-        np.concatenate([piece.vertices for piece in pieces]),
-        Cells.joined(cells),
-        _join_pieces([piece.point_data for piece in pieces]),
-        _join_pieces([piece.cell_data for piece in pieces]),
-        space=notes["SPACE"],
-        units=notes["UNITS"],
-    )
+    on_points = _join_pieces([piece.point_data for piece in pieces])
+    on_cells = _join_pieces([piece.cell_data for piece in pieces])
+    vertices = np.concatenate([piece.vertices for piece in pieces])
+    return vertices, Cells.joined(cells), on_points, on_cells, notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,8 @@ from threading import Event
 import numpy as np
 
 from ...case import MILLIMETRES, Points
-from ...columns import NAMES
 from ...errors import InputError
-from ...io.points import points_of, scaled
-from ...io.table import table_of
+from ...io.points import points_of, points_table_of, scaled
 from ...io.text import read_bytes
 from ..messages import error
 from ..session import taken
@@ -84,7 +82,7 @@ class Watch:
                 f"{self.path}: has {rows} lines: a session takes at most {MOST_ROWS} points; give the points "
                 "of one map, or run the case by o3dls run"
             )
-        table = table_of(whole, self.path, "xyz", NAMES)
+        table = points_table_of(whole, self.path)
         self._check_frame(table.notes.get("space", "unknown"))
         unit = table.notes.get("units", "mm")
         if unit not in MILLIMETRES:

@@ -197,8 +197,8 @@ class Export(Writer):
 
     def _decimate_to_limit(self, surface: Surface) -> Surface:
         """Return the surface decimated to `faces`, and to what an importing system takes."""
+        from ...adapters.mending import decimated
         from ...io.meshes.dif import LIMITS
-        from ..conversion import decimated
 
         most = min(
             self.faces or len(surface.faces),

@@ -11,7 +11,7 @@ import numpy as np
 
 from ....arrays import Array, Ints
 from ....errors import InputError
-from ...text import integers, is_count, number_rows
+from ...text import decode, integers, is_count, number_rows
 from .mesh import ATTRIBUTE_HEADINGS, CartoMesh
 
 SECTIONS = (
@@ -25,7 +25,7 @@ SECTIONS = (
 
 def parse(path: Path, data: bytes) -> CartoMesh:
     """Parse everything in the file. Raises InputError naming the line that does not fit."""
-    sections = _split_sections(path, _decode_text(data))
+    sections = _split_sections(path, decode(data, path))
     lines = sections["GeneralAttributes"].text.splitlines()
     general = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
     n, m, k = (_read_count(path, general, key) for key in ("NumVertex", "NumTriangle", "NumVertexColors"))
@@ -53,13 +53,6 @@ def parse(path: Path, data: bytes) -> CartoMesh:
         _read_floats(path, general, "MeshColor", 4, (0.0, 1.0, 0.0, 1.0)),
         _read_floats(path, general, "Matrix", 16, tuple(np.eye(4).ravel())),
     )
-
-
-def _decode_text(data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
 
 
 @dataclass(frozen=True)
