@@ -27,16 +27,9 @@ PRIOR_OF = ("patient", "template")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
 # fields of a result, with the unit behind their names
-OF_A_RUN = (
-    "sd",
-    "displacement",
-    "correction",
-    "distance_to_nearest_point",
-)
+OF_A_RUN = ("sd", "displacement", "correction", "distance_to_nearest_point")
 WITHOUT_UNIT = ("prior_only", "existence")
-# least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in
-# rounding
-BEST = 0.02
+BEST = 0.02  # least relative noise of a point: it holds the surface as firmly as one can
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +162,7 @@ class Case:
     prior_of: str = "patient"
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
-    columns: Mapping[str, str] = field(
-        default_factory=dict
-    )  # heading of the points' table -> what became of it
+    columns: Mapping[str, str] = field(default_factory=dict)  # what became of each heading of the table
     truth: Truth | None = None
     # further surfaces of the same patient in the prior's frame, in order of time
     phases: tuple[Surface, ...] = ()
@@ -232,9 +223,8 @@ class Case:
 
     def __repr__(self) -> str:
         marks = f", {len(self.prior_landmarks)} landmarks of the prior" if self.prior_landmarks else ""
-        return (
-            f"Case({self.name!r}: {self.prior!r}, {self.points!r}{marks}; {self.units}, frame {self.frame})"
-        )
+        held = f"{self.name!r}: {self.prior!r}, {self.points!r}{marks}"
+        return f"Case({held}; {self.units}, frame {self.frame})"
 
     @property
     def dimension(self) -> int:
@@ -251,8 +241,7 @@ class Case:
 
     def landmark_doubts(self) -> list[str]:
         """Sentences on names of landmarks that may mean either of two places, and so have no partner."""
-        marks = self.points.type == "landmark"
-        names = [str(name) for name in self.points.columns["name"][marks]] if marks.any() else []
+        names = [str(name) for name in self.points.of("landmark").columns.get("name", ())]
         prior = list(self.prior_landmarks)
         found = (("points", doubts(names, prior)), ("prior", doubts(prior, names)))
         return [f"landmarks of the {side}: {said}" for side, said in found if said]

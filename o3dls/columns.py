@@ -48,7 +48,9 @@ DOUBTFUL |= {"spannung": "bipolar or unipolar", "time": "a lat or the time of th
 
 
 class Meaning(NamedTuple):
-    """The column of a case that a heading means, the factor to its unit, and the unit where one is stated."""
+    """This is the column of a case that a heading means, with the factor to its unit, and the unit where one
+    is stated.
+    """
 
     name: str
     factor: float

@@ -216,8 +216,9 @@ def points_of(thing: Any, where: str = "points") -> Points:
     if read is None and (columns := columns_of(thing, where)) is not None:
         return points_from(columns, where)
     try:
-        xyz, values = read(thing) if read else (plain_array(thing), {})
-        xyz = np.ma.array(xyz, dtype=np.float64) if masked_in(xyz) is not None else np.array(xyz, np.float64)
+        xyz, values = read(thing) if read else (thing, {})
+        masked = masked_in(xyz) is not None
+        xyz = np.ma.array(xyz, dtype=np.float64) if masked else np.array(plain_array(xyz), np.float64)
         if xyz.ndim == 0:  # None, or one number
             raise TypeError
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):

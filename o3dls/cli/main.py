@@ -22,8 +22,9 @@ def main() -> None:
     settle_variables()
     gc.set_threshold(ALLOCATIONS)
     try:
-        from ..child_processes import protect_path
-        from .terminal import prepare
+        with heeded():
+            from ..child_processes import protect_path
+            from .terminal import prepare
 
         protect_path()
         prepare()

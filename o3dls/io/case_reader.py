@@ -15,8 +15,7 @@ from ..errors import InputError
 from ..geometry.similarity import is_pose
 from .case_coordinates import check_scale, coordinates, in_frame, millimetres_per_unit
 from .case_settings import Folder, open_folder
-from .case_surfaces import phases_of, surface_of
-from .case_truth import truth_of
+from .case_surfaces import phases_of, surface_of, truth_of
 from .markups import read_markups
 from .points import describe_columns, points_of, read_points_table, scaled
 from .table import Table, read_table

@@ -9,7 +9,7 @@ import numpy as np
 from ..case import Case
 from .atomic import staged_folder, write_file
 from .case_settings import toml_lines
-from .case_truth import write_truth
+from .case_surfaces import write_truth
 from .manifest import write_manifest
 from .points import write_points
 from .surfaces import write_surface

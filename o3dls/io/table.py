@@ -139,8 +139,10 @@ def table_of(
         found = workbook.read_workbook(path, data, required)
     else:
         found = split_text(path, decode(data, path), required)
+    top = f"{found.row} {found.top}"
+    if len(found.header) > MOST_COLUMNS:
+        raise InputError(f"{path}: {top}: names {len(found.header)} columns: at most {MOST_COLUMNS}")
     cells = without_index(path, found)
-    top = f"{cells.row} {cells.top}"
     header, units = read_axes(path, top, cells.header)
     header = _read_header(header, path, top, required, {} if aliases is None else aliases)
     columns = {name: [row[k] for row in cells.rows] for k, name in enumerate(header)}
@@ -167,8 +169,6 @@ def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
 def _read_header(
     cells: Sequence[str], path: Path, top: str, required: Iterable[str], aliases: Mapping[str, str]
 ) -> list[str]:
-    if len(cells) > MOST_COLUMNS:
-        raise InputError(f"{path}: {top}: names {len(cells)} columns: at most {MOST_COLUMNS}")
     header = [aliases.get(cell.lower(), cell) for cell in cells]
     own = {name for name, cell in zip(header, cells, strict=True) if name == cell.lower()}
     # a heading that is the name itself comes before others that mean it

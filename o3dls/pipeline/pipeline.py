@@ -107,8 +107,8 @@ class Pipeline:
         from ..parallel import started_beside
 
         begin = perf_counter()
-        say_unpaired(case)
         self._check_case(case)
+        say_unpaired(case)
         for writer in self.writes:
             started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None

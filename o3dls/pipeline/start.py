@@ -70,10 +70,8 @@ def say_unpaired(case: Case) -> None:
     theirs = list(case.prior_landmarks)
     for side, some, others in (("points", ours, theirs), ("prior", theirs, ours)):
         for name in alone(some, others):
-            log.info(
-                "landmark %s of the %s is not used: it has no pair on the other side, which has %s",
-                *(name, side, ", ".join(others) or "none"),
-            )
+            said = "landmark %s of the %s is not used: it has no pair on the other side, which has %s"
+            log.info(said, name, side, ", ".join(others) or "none")
 
 
 def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:

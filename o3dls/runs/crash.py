@@ -29,11 +29,13 @@ log = logging.getLogger("o3dls")
 @contextmanager
 def crash_of_failure(out: Path, case: Case, pipeline: Mapping[str, Any]) -> Iterator[None]:
     """Leave `<out>.crash.json` where the block fails, and name it in the log; remove an old one where it does
-    not. An interruption is no failure.
+    not. An interruption is no failure, and what is wrong with the input the error says.
     """
     path = beside(out, CRASH)
     try:
         yield
+    except InputError:
+        raise
     except Exception as error:
         with suppress(OSError, InputError, MemoryError):
             path.unlink(missing_ok=True)  # a link is replaced, and not followed

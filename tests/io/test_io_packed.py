@@ -201,6 +201,8 @@ def values(path: Path) -> list[Any]:
     if path.suffix == ".zip":
         found = read_study(path)
         columns = {name: column.tolist() for name, column in found.points.columns.items()}
+        if found.shell is None:  # the points are taken, and the import says why the shell is not
+            raise InputError("; ".join(found.left))
         shell = found.shell.surface
         return [found.points.xyz, repr(columns), shell.vertices, shell.faces, *found.landmarks.values()]
     image = read_image(path, path.read_bytes())

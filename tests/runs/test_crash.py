@@ -13,7 +13,7 @@ import pytest
 from tiny import Nudge, ball_case
 
 from o3dls.case import Case
-from o3dls.errors import InputError
+from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
@@ -47,7 +47,14 @@ def patient_case(folder: Path) -> Case:
     return read_case(folder / PATIENT)
 
 
-@pytest.mark.parametrize("how", [IndexError, InputError, MemoryError])
+def test_what_is_wrong_with_the_input_is_no_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Fails, "how", InputError)
+    with pytest.raises(InputError):
+        run_into(Pipeline([Fails()], folds=0), ball_case(), tmp_path / "run")
+    assert not (tmp_path / "run.crash.json").exists()
+
+
+@pytest.mark.parametrize("how", [IndexError, SolverError, MemoryError])
 def test_a_failed_run_leaves_a_crash_file_without_the_patient(
     how: type[BaseException],
     tmp_path: Path,
