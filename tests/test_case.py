@@ -97,9 +97,9 @@ def test_landmarks_pair_where_their_names_mean_one_place() -> None:
     kinds = np.array(["landmark", "eam", "landmark", "landmark"])
     names = np.array(["left superior PV", "", "MV", "roof"])
     points = Points(np.vstack([XYZ, [[1.0, 2, 3]]]), kinds, {"name": names})
-    prior = {"septum": XYZ[0], "MA": XYZ[1], "LUPV": XYZ[2]}
+    prior = {"septum": XYZ[0], "MA": XYZ[1], "LSPV": XYZ[2]}
     case = Case("c", sphere(), points, prior)
-    assert case.landmark_partners() == {0: "LUPV", 2: "MA"}
+    assert case.landmark_partners() == {0: "LSPV", 2: "MA"}
     found, on_prior, measured = case.landmark_pairs()
     assert found == ["left superior PV", "MV"]
     np.testing.assert_array_equal(on_prior, XYZ[[2, 1]])
