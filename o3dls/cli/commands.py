@@ -62,7 +62,7 @@ TASKS = {
     "Look at runs": ("report", "view", "next", "compare", "cohort"),
     "While a map is being taken": ("live", "send"),
     "Files for other programs": ("convert", "export"),
-    "About the program": ("stages", "settings", "schema", "doctor", "paper"),
+    "About the program": ("stages", "settings", "names", "schema", "doctor", "paper"),
 }
 
 

@@ -88,7 +88,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
 @click.option("--to", help="frame to write, LPS or RAS")
 @click.option("--cap", is_flag=True, help="close the openings of a surface")
-@click.option("--repair", is_flag=True, help="mend a surface: weld it, drop what is twice, loose or inside")
+@click.option("--repair", is_flag=True, help="repair a surface: weld it, drop what is twice, loose or inside")
 @click.option("--faces", type=int, help="decimate to so many triangles")
 @click.option("--label", type=int, help="label volumes: the label to take")
 @click.option("--part", help="the named segment or volume to take")

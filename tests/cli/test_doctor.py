@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
-from o3dls.cli import doctor, machine
+from o3dls.cli import doctor, environment
 from o3dls.cli.commands import cli, run_command
 from o3dls.cli.doctor import Check
 from o3dls.cli.words import WRONG_INPUT
@@ -172,8 +172,10 @@ def test_a_run_says_in_the_first_second_what_cannot_be_imported(
             raise ImportError(f"{library or name}: cannot open shared object file: No such file")
 
     monkeypatch.setattr(doctor, "import_module", refuse)
-    monkeypatch.setattr(machine, "_is_there", lambda name: name != library)
-    monkeypatch.setattr(machine, "find_spec", lambda name: None if not library and name == module else name)
+    monkeypatch.setattr(environment, "_is_there", lambda name: name != library)
+    monkeypatch.setattr(
+        environment, "find_spec", lambda name: None if not library and name == module else name
+    )
     begin = time.process_time()
     assert run_command(command) == WRONG_INPUT
     assert time.process_time() - begin < 1.0
@@ -187,7 +189,7 @@ def test_what_cannot_be_imported_is_said_as_the_doctor_says_it(
         raise OSError("libEGL.so.1: cannot open shared object file: No such file or directory")
 
     monkeypatch.setattr(doctor, "import_module", refuse)
-    monkeypatch.setattr(machine, "_is_there", lambda name: name != "libEGL.so.1")
+    monkeypatch.setattr(environment, "_is_there", lambda name: name != "libEGL.so.1")
     run_command(["demo"])
     said = capsys.readouterr().err
     assert "FAULT open3d: cannot be imported: libEGL.so.1: " in said
@@ -196,5 +198,5 @@ def test_what_cannot_be_imported_is_said_as_the_doctor_says_it(
 
 
 def test_what_nothing_needs_of_the_system_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "_is_there", lambda name: False)
-    machine.check_libraries()
+    monkeypatch.setattr(environment, "_is_there", lambda name: False)
+    environment.check_libraries()

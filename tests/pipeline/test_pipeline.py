@@ -286,28 +286,39 @@ class TestStart:
         return Pipeline([Nudge()], folds=0).run(case).estimates["start"].status
 
 
+IN_FILES = {"points.csv": "0" * 64}  # what a case of files holds, and one of arrays does not
+
+
+@pytest.mark.parametrize("files", [IN_FILES, {}], ids=["files", "arrays"])
 @pytest.mark.parametrize(
     ("factor", "shift", "sentence"),
     [
-        (1e-3, 0.0, "in m, add"),
-        (0.1, 0.0, "in cm, add"),
-        (1e3, 0.0, "in um, add"),
+        (1e-3, 0.0, "in m, (add|multiply them by 1000)"),
+        (0.1, 0.0, "in cm, (add|multiply them by 10;)"),
+        (1e3, 0.0, "in um, (add|multiply them by 0.001)"),
         (1e-9, 0.0, "no unit explains that: do nearly all points lie in one place"),
         (1.0, 900.0, "half of the points are more than"),
     ],
 )
 def test_points_that_cannot_belong_to_the_prior_are_refused(
-    factor: float, shift: float, sentence: str
+    factor: float, shift: float, sentence: str, files: dict[str, str]
 ) -> None:
-    case = replace(ball_case(), prior_landmarks={})
+    case = replace(ball_case(), prior_landmarks={}, files=files)
     case = replace(case, points=replace(case.points, xyz=case.points.xyz * factor + shift))
     with pytest.raises(InputError, match=sentence):
         Pipeline([Nudge()], folds=0).run(case)
 
 
-def test_a_prior_in_another_unit_than_mm_is_told_from_points_that_are() -> None:
-    case = replace(ball_case(), prior=sphere(0.02), prior_landmarks={})
-    with pytest.raises(InputError, match="the prior is in m, write it in mm"):
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [(IN_FILES, "the prior is in m, write it in mm"), ({}, "prior are in m, multiply them by 1000")],
+    ids=["files", "arrays"],
+)
+def test_a_prior_in_another_unit_than_mm_is_told_from_points_that_are(
+    files: dict[str, str], sentence: str
+) -> None:
+    case = replace(ball_case(), prior=sphere(0.02), prior_landmarks={}, files=files)
+    with pytest.raises(InputError, match=sentence):
         Pipeline([Nudge()], folds=0).run(case)
 
 
