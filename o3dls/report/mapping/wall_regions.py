@@ -70,11 +70,16 @@ def wall_regions(subject: Subject, surface: Surface) -> Ints | None:
 
 
 def with_regions(subject: Subject, surfaces: Mapping[str, Surface]) -> dict[str, Surface]:
-    """Return the surfaces, each with its regions as a field, where they are known."""
-    found = {name: wall_regions(subject, surface) for name, surface in surfaces.items()}
+    """Return the surfaces, each with its regions as a field, where they are known. Surfaces that share their
+    faces have the same place of the prior at each vertex, and so the regions of the last of them.
+    """
+    of_faces: dict[int, Ints | None] = {}
+    for surface in reversed(list(surfaces.values())):
+        if id(surface.faces) not in of_faces:
+            of_faces[id(surface.faces)] = wall_regions(subject, surface)
     return {
         name: surface
-        if (of := found[name]) is None
+        if (of := of_faces[id(surface.faces)]) is None
         else replace(surface, fields={**surface.fields, FIELD: of.astype(np.float64)})
         for name, surface in surfaces.items()
     }
