@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -70,6 +71,12 @@ def openings(surface: Surface, landmarks: Mapping[str, Array]) -> Ints:
     in the same tube, wherever in it the landmark is. Tubes of 9 mm without a landmark are `UNNAMED`.
     """
     places = _find_places(landmarks)
+    return _find_openings(surface, tuple((name, *map(float, at)) for name, at in places.items()))
+
+
+@lru_cache(maxsize=4)  # pictures, tables and the advice ask for the same surface
+def _find_openings(surface: Surface, named: tuple[tuple[Any, ...], ...]) -> Ints:
+    places = {name: np.array(at) for name, *at in named}
     middle = _find_middle(surface)
     depth = _measure_depths(surface)
     reach = {name: _distance_off_axis(surface.vertices, at, middle) for name, at in places.items()}
@@ -113,7 +120,6 @@ def _find_middle(surface: Surface) -> Array:
     return np.asarray(area @ surface.vertices / area.sum())
 
 
-@lru_cache(maxsize=4)  # pictures, tables and the advice ask for the same surface
 def _measure_depths(surface: Surface) -> Array:
     """Return how far (n,) each vertex lies out of the chamber in a tube; that of the next of a sample."""
     some = np.arange(0, len(surface.vertices), max(1, len(surface.vertices) // SAMPLE))

@@ -74,9 +74,12 @@ def with_regions(subject: Subject, surfaces: Mapping[str, Surface]) -> dict[str,
     faces have the same place of the prior at each vertex, and so the regions of the last of them.
     """
     of_faces: dict[int, Ints | None] = {}
+    last = subject.last.estimate.surface  # whose regions other sections have asked for, or will
     for surface in reversed(list(surfaces.values())):
         if id(surface.faces) not in of_faces:
-            of_faces[id(surface.faces)] = wall_regions(subject, surface)
+            of_faces[id(surface.faces)] = wall_regions(
+                subject, last if last.faces is surface.faces else surface
+            )
     return {
         name: surface
         if (of := of_faces[id(surface.faces)]) is None
