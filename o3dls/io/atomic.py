@@ -8,7 +8,7 @@ import errno
 import logging
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -91,12 +91,32 @@ def staged_files(path: str | Path, within: str | Path | None = None) -> Iterator
         for file in staged.iterdir():
             if within is not None:
                 check_inside(path.parent / file.name, Path(within))
-        for file in staged.iterdir():
-            os.replace(file, follow_links(path.parent / file.name))
+        _replace_all({file: follow_links(path.parent / file.name) for file in sorted(staged.iterdir())})
     except InputError as error:  # it names the temporary folder, which is removed
         raise InputError(str(error).replace(str(staged), str(path.parent))) from error
     finally:
         shutil.rmtree(staged, ignore_errors=True)
+
+
+def _replace_all(targets: Mapping[Path, Path]) -> None:
+    """Move files to their targets; where one cannot be moved, what was there before is there again."""
+    before: dict[Path, Path | None] = {}
+    try:
+        for file, target in targets.items():
+            kept = file.with_name(f".{file.name}.before")
+            if os.path.lexists(target):
+                os.replace(target, kept)
+                before[target] = kept
+            else:
+                before[target] = None
+            os.replace(file, target)
+    except BaseException:
+        for target, old in before.items():
+            if old is None:
+                target.unlink(missing_ok=True)
+            else:
+                os.replace(old, target)
+        raise
 
 
 def write_file(path: str | Path, content: str | bytes, within: str | Path | None = None) -> None:

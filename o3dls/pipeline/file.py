@@ -115,8 +115,9 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
 
         with _note_mistakes(mistakes), compiling_said():
             subject = read_case(folder)
-            say_unpaired(subject)
             mistakes += [] if pipeline is None else pipeline.refusals(subject)
+            if not mistakes:
+                say_unpaired(subject)
     return mistakes
 
 
