@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..estimate import Estimate
 from .projection import project
 
@@ -26,7 +26,7 @@ class LeftOut:
         """Return that of so many points of which nothing is known yet."""
         return cls(np.full(count, np.nan), np.full(count, np.nan))
 
-    def fill(self, rows: Array, other: LeftOut) -> None:
+    def fill(self, rows: Mask, other: LeftOut) -> None:
         """Take over what is known of some of the points."""
         self.distance[rows], self.deviation[rows] = other.distance, other.deviation
 

@@ -108,16 +108,7 @@ def written(folder: Path, name: str = "run") -> None:
 
 @pytest.mark.parametrize("kind", OPERATIONS)
 def test_run(kind: str, trial: Trial, tmp_path: Path) -> None:
-    write_case(tmp_path / "ball", ball_case())
-    (tmp_path / "p.toml").write_text(PIPELINE)
-    command = [
-        "run",
-        str(tmp_path / "p.toml"),
-        "--case",
-        str(tmp_path / "ball"),
-        "--out",
-        str(tmp_path / "run"),
-    ]
+    command = run_of_ball(tmp_path)
     answer(command)  # imports
     trial.restore({name: "" for name in state(tmp_path) if not name.startswith("run/")})
     trial.capsys.readouterr()
@@ -125,17 +116,7 @@ def test_run(kind: str, trial: Trial, tmp_path: Path) -> None:
 
 
 def test_run_where_memory_ends(trial: Trial, tmp_path: Path) -> None:
-    write_case(tmp_path / "ball", ball_case())
-    (tmp_path / "p.toml").write_text(PIPELINE)
-    command = [
-        "run",
-        str(tmp_path / "p.toml"),
-        "--case",
-        str(tmp_path / "ball"),
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    assert trial("allocation", command, written, step=7) > 3
+    assert trial("allocation", run_of_ball(tmp_path), written, step=7) > 3
 
 
 @pytest.mark.parametrize("kind", OPERATIONS)

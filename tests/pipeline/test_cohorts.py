@@ -237,9 +237,7 @@ def test_a_batch_that_was_killed_goes_on_where_it_was(
     command = [sys.executable, "-c", BATCH, out, folders[0].parent, scheduler or ""]
     here = Path(__file__).parent
     paths = [str(here), *filter(None, [os.environ.get("PYTHONPATH")])]
-    around = os.environ | {
-        "PYTHONPATH": os.pathsep.join(paths)
-    }  # a safe path has no folder
+    around = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}  # a safe path has no folder
     with subprocess.Popen(command, cwd=here, env=around) as process:
         while len(list(out.glob("c*/run.json"))) < CASES // 4:
             assert process.poll() is None

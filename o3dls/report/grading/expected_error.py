@@ -12,8 +12,9 @@ from ..subject import Subject
 from ..wall_parts import MAPPED, PRIOR_ONLY
 from .check import Check
 
-NARROW = 1.5  # times as far off as predicted: healthy maps have 0.9 to 1.15, other people's priors up to 2.3
-CONTRADICTED = 2.0  # the same for one region, whose few points scatter more
+# times as far off as predicted: left-out points of one block err together, and of fifteen blocks such a ratio
+# scatters by a fifth; of the one or two blocks of a region by half
+NARROW, CONTRADICTED = 1.5, 2.0
 FEWEST = 10  # points of a region from which it can be contradicted
 NAME = "Expected error"
 
@@ -27,7 +28,7 @@ def check_expected_error(subject: Subject) -> Check:
     short = f"{found.all:.2f} {subject.unit}"
     if scatter is None:
         said = f"mean {short} by the posterior alone ({_list_parts(found, subject.unit)})"
-        return Check(NAME, "none", f"{said}; not cross-validated: folds = 5 does that", short)
+        return Check(NAME, "none", f"{said}; not cross-validated: set folds = 5 to test it", short)
     said = f"mean {short} ({_list_parts(found, subject.unit)})"
     ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
     doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
@@ -56,6 +57,7 @@ def contradicted_regions(subject: Subject) -> list[str]:
             found[word(int(one))] = scatter
     worst = sorted(found.items(), key=lambda item: -item[1].ratio)
     return [
-        f"{name} ({one.count} points lie {one.distance:.1f} {subject.unit} off, {one.ratio:.1f} times as far)"
+        f"{name} ({one.count} left-out points: {one.distance:.1f} {subject.unit} off, {one.ratio:.1f} times "
+        "as far as predicted)"
         for name, one in worst
     ]
