@@ -152,7 +152,9 @@ def _serve_stdin(host: Host, source: Source | None) -> Iterator[None]:
     """Do the actions that are read from stdin, a line of JSON each, while the block runs. Where nothing else
     gives points, the end of stdin ends the session: nobody else could.
     """
-    Thread(target=_obey_lines, args=(host, sys.stdin.buffer, source is None), daemon=True).start()
+    # a reader of its own: the interpreter aborts at its end where a thread still reads sys.stdin
+    lines = open(sys.stdin.fileno(), "rb", closefd=False)  # noqa: SIM115
+    Thread(target=_obey_lines, args=(host, lines, source is None), daemon=True).start()
     yield
 
 
