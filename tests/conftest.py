@@ -20,7 +20,14 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 
 SLOW = frozenset((Path(__file__).parent / "slow_tests.txt").read_text(encoding="utf-8").splitlines())
-LONG = ("test_paper.py", "test_tutorial.py", "test_readme.py", "test_cli.py", "test_topology.py")
+LONG = (
+    "test_paper.py",
+    "test_site.py",
+    "test_tutorial.py",
+    "test_readme.py",
+    "test_cli.py",
+    "test_topology.py",
+)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is marked
