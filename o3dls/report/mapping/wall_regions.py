@@ -70,19 +70,19 @@ def wall_regions(subject: Subject, surface: Surface) -> Ints | None:
 
 
 def with_regions(subject: Subject, surfaces: Mapping[str, Surface]) -> dict[str, Surface]:
-    """Return the surfaces, each with its regions as a field, where they are known. Surfaces that share their
+    """Return the surfaces, each with its regions as a field, where they are known. Surfaces with the same
     faces have the same place of the prior at each vertex, and so the regions of the last of them.
     """
-    of_faces: dict[int, Ints | None] = {}
+    of_faces: dict[bytes, Ints | None] = {}
+    keys = {name: surface.faces.tobytes() for name, surface in surfaces.items()}
     last = subject.last.estimate.surface  # whose regions other sections have asked for, or will
-    for surface in reversed(list(surfaces.values())):
-        if id(surface.faces) not in of_faces:
-            of_faces[id(surface.faces)] = wall_regions(
-                subject, last if last.faces is surface.faces else surface
-            )
+    for name, surface in reversed(list(surfaces.items())):
+        if keys[name] not in of_faces:
+            same = np.array_equal(last.faces, surface.faces)
+            of_faces[keys[name]] = wall_regions(subject, last if same else surface)
     return {
         name: surface
-        if (of := of_faces[id(surface.faces)]) is None
+        if (of := of_faces[keys[name]]) is None
         else replace(surface, fields={**surface.fields, FIELD: of.astype(np.float64)})
         for name, surface in surfaces.items()
     }
