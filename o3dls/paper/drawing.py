@@ -11,7 +11,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..geometry.surface import Surface
-from ..report.drawing.fields import Field, colour_table, colours_of
+from ..report.drawing.colour_maps import colour_table
+from ..report.drawing.fields import Field, colours_of
 from ..report.drawing.figures import plain_figure, png
 from ..report.palette import colour_of
 

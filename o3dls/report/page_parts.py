@@ -67,7 +67,7 @@ def viewer_scripts(scene: object) -> Html:
     return join(Html(asset("viewer.html")), data_block("scene", scene), *code)
 
 
-def image(png: bytes, description: str, *, class_: str | None = "static") -> Html:
-    """Write a picture into the page, as part of the file."""
+def image(png: bytes, description: str, *children: Html) -> Html:
+    """Write a picture into the page, as part of the file, with what belongs to it."""
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
-    return tag("figure", tag("img", src=source, alt=description), class_=class_)
+    return tag("figure", tag("img", src=source, alt=description), *children)

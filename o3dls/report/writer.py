@@ -40,8 +40,6 @@ class Report(Writer):
         return (self.name,)
 
     def prepare(self) -> None:
-        from matplotlib import figure  # noqa: F401
-
         from . import page  # noqa: F401
 
     def __call__(self, run: Run, folder: Path) -> None:

@@ -5,22 +5,27 @@ lacks.
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from o3dls.cli.main import answer
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.surface import Surface
-from o3dls.report.drawing import figures
+from o3dls.report.drawing import figures, pictures
 from o3dls.report.drawing.caption import made
-from o3dls.report.drawing.fields import MAPS, Field, colour_table, colours_of, known_fields, robust_range
+from o3dls.report.drawing.colour_maps import MAPS, colour_table
+from o3dls.report.drawing.fields import Field, colours_of, known_fields, robust_range
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
@@ -420,19 +425,37 @@ def test_a_triangle_seen_edge_on_draws_nothing() -> None:
     assert (canvas.pixels() == 255).all()
 
 
-def test_page_and_slides_share_the_picture_from_the_front(
+def test_page_and_slides_share_the_pictures_of_a_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drawn = list[bool]()
+    drawn: list[str] = []
+    draw = pictures._draw_picture
 
-    def counted(subject: Subject, *, behind: bool = False) -> bytes:
-        drawn.append(behind)
-        return pictures_png(subject, behind=behind)
+    def counted(subject: Subject, name: str, *rest: Any) -> Any:
+        drawn.append(name)
+        return draw(subject, name, *rest)
 
-    for module in (figures, slides):
-        monkeypatch.setattr(module, "pictures_png", counted)
+    monkeypatch.setattr(pictures, "_draw_picture", counted)
     write_report([finished(tmp_path / "run")], pdf=True)
-    assert drawn == [False, True]
+    assert drawn == ["icp", "level_set"] * 2  # from the front and from behind
+
+
+@pytest.mark.parametrize("kind", sorted(MAPS))
+def test_colours_are_those_of_matplotlib(kind: str) -> None:
+    name, first, last = MAPS[kind]
+    theirs = colormaps[name](np.linspace(first, last, 256))[:, :3]
+    # plasma is no polyline, and the circle of hues has rounded corners there
+    step = abs(np.diff(theirs, axis=0)).max()  # theirs are read at 256 places, and these between them
+    most = {"plasma": 0.025, "hsv": 0.08}.get(name, step + 1 / 255)
+    assert abs(colour_table(kind) - theirs).max() < most
+
+
+def test_a_page_needs_no_matplotlib(tmp_path: Path) -> None:
+    """Its import would take a tenth of the time of a run."""
+    finished(tmp_path / "run")
+    code = "import sys; from o3dls.report.writer import write_report; write_report([sys.argv[1]])"
+    done = f"{code}; assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", done, str(tmp_path / "run")], check=True)
 
 
 def test_surfaces_with_the_faces_of_the_prior_are_decimated_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from o3dls.errors import InputError
-from o3dls.report.drawing.fields import colour_table, known_fields, point_field
+from o3dls.report.drawing.colour_maps import colour_table
+from o3dls.report.drawing.fields import known_fields, point_field
 from o3dls.report.drawing.labels import Sheet
 from o3dls.report.subject import read_subject
 from o3dls.report.window import Stand, open_window

@@ -4,10 +4,16 @@ colours.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arrays import Array
 from ..mapping.views import orientation
 from ..markup import Html, tag
 from ..subject import Subject
-from .fields import Field, colour_table
+from .colour_maps import colour_table
+from .fields import Field
 
 STOPS = 9  # of a colour bar; between them the colours change evenly
 
@@ -29,8 +35,10 @@ def view_name(subject: Subject, *, behind: bool = False) -> str:
     return list(orientation(subject).views())[behind]
 
 
-def colour_bar(field: Field) -> Html:
-    """Draw the colours of a field as SVG, with the two ends, the middle, and name and unit."""
+def colour_bar(field: Field, values: Sequence[Array] = ()) -> Html:
+    """Draw the colours of a field as SVG, with the two ends, the middle, and name and unit; an end beyond
+    which there are values says so.
+    """
     table = colour_table(field.colours)
     steps = [round(k * (len(table) - 1) / (STOPS - 1)) for k in range(STOPS)]
     stops = (
@@ -43,7 +51,12 @@ def colour_bar(field: Field) -> Html:
     )
     name = f"{field.label}, {field.unit}" if field.unit else field.label
     ends = ((field.low, 0, "start"), ((field.low + field.high) / 2, 130, "middle"), (field.high, 260, "end"))
-    numbers = (tag("text", f"{value:.3g}", x=x, y=26, text_anchor=anchor) for value, x, anchor in ends)
+    beyond = field.extended(np.concatenate(values)) if values else "neither"
+    signs = ("≤ " if beyond in ("min", "both") else "", "", "≥ " if beyond in ("max", "both") else "")
+    numbers = (
+        tag("text", f"{sign}{value:.3g}", x=x, y=26, text_anchor=anchor)
+        for sign, (value, x, anchor) in zip(signs, ends, strict=True)
+    )
     return tag(
         "svg",
         tag("defs", tag("linearGradient", *stops, id=f"bar-{field.key}")),

@@ -17,23 +17,8 @@ from ...evaluation.regions import REGIONS, word
 from ...geometry.surface import Surface
 from ..subject import Subject
 from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
+from .colour_maps import LOW_ENDS, colour_table
 
-FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
-PURPLE = 0.78  # share of the circle of hues from red to purple
-
-# Colours of matplotlib and the share of them that is used. Those that colour-blind readers can order have
-# light small values, so that the shape stays visible where all is well; `mapping` is what electrophysiology
-# labs know: red is low (scar) and early, purple is high (healthy) and late.
-MAPS = {
-    "sequential": ("YlGnBu", FIRST, 1.0),
-    "deviation": ("BuPu", FIRST, 1.0),
-    "signed": ("RdBu_r", 0.0, 1.0),
-    "electrical": ("plasma", 0.0, 1.0),
-    "mapping": ("hsv", 0.0, PURPLE),
-    "points": ("YlOrRd", FIRST, 1.0),
-    "regions": ("tab20", 0.0, 1.0),  # twenty colours, a region each
-}
-LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # all other maps begin light
 VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
 STEPS = {"lat": 10.0}  # ms between isochrones
 
@@ -133,14 +118,6 @@ def point_field(subject: Subject) -> Field:
     gaps = [subject.results[name].point_distances for name in subject.shown]
     low, high = robust_range(np.concatenate(gaps))
     return Field("points", "distance of the points", subject.unit, "points", low, high)
-
-
-def colour_table(colours: str) -> Array:
-    """Return 256 colours (256, 3) in [0, 1]."""
-    from matplotlib import colormaps
-
-    name, first, last = MAPS[colours]
-    return np.asarray(colormaps[name](np.linspace(first, last, 256))[:, :3])
 
 
 def colours_of(values: Array, field: Field) -> Array:

@@ -1,4 +1,4 @@
-"""Static pictures: the same surfaces for paper, slides and browsers without WebGL."""
+"""Figures for paper and slides, by matplotlib."""
 
 from __future__ import annotations
 
@@ -6,31 +6,23 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...arrays import Array
-from ...geometry.surface import Surface
-from ..mapping.views import orientation
 from ..subject import Subject
 from .caption import caption
-from .fields import Field, colour_table, colours_of, known_fields, point_field
+from .colour_maps import colour_table
+from .fields import Field, known_fields, point_field
+from .pictures import COMPRESSION, pictures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-    from .raster import View
-
-PIXELS = (640, 500)  # width and height of one picture
-MARGIN = 1.12
 WHOLE = (0.02, 0.03, 0.96, 0.95)  # left, bottom, width, height of what is drawn above the caption
-COMPRESSION = 3  # of 9: more takes half of a picture's time for a tenth of its size
 INK = "#16191d"
-_fronts = WeakKeyDictionary[Subject, bytes]()
-_painted = WeakKeyDictionary[Subject, dict[tuple[str, bool], Any]]()
 
 
 @contextmanager
@@ -63,13 +55,6 @@ def pictures_png(subject: Subject, *, behind: bool = False) -> bytes:
         return png(figure)
 
 
-def front_png(subject: Subject) -> bytes:
-    """Draw the estimates from the front, once for a subject: page and slides share the picture."""
-    if subject not in _fronts:
-        _fronts[subject] = pictures_png(subject)
-    return _fronts[subject]
-
-
 def side_by_side(subject: Subject) -> AbstractContextManager[Figure]:
     """Make a figure as wide as the estimates that are shown."""
     return plain_figure(3.6 * len(subject.shown) + 0.6, 4.5)
@@ -91,13 +76,9 @@ def draw_pictures(
     field = known_fields(surfaces, subject.unit)[0]
     left, bottom, width, height = box
     each = width / len(surfaces)
-    view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
-    for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
+    for k, (name, pixels) in enumerate(pictures(subject, behind=behind).items()):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
-        pictures = _painted.setdefault(subject, {})  # page and slides share the pictures, at different sizes
-        if (name, behind) not in pictures:
-            pictures[name, behind] = _draw_picture(subject, name, surface, field, view)
-        axes.imshow(pictures[name, behind], interpolation="antialiased")
+        axes.imshow(pixels, interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
     values = [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
@@ -106,33 +87,6 @@ def draw_pictures(
     gaps = [subject.results[name].point_distances for name in subject.shown]
     at = (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height)
     draw_bar(figure, point_field(subject), at, gaps)
-
-
-def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
-    """Find the view along axes in which all surfaces just fit."""
-    from .raster import View
-
-    flat = np.vstack([surface.vertices for surface in surfaces]) @ axes.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    width, height = (high - low)[:2]
-    return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
-
-
-def _draw_picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
-    """Draw one picture: the surface in the colours of a field, the points in those of their distance."""
-    from .raster import Canvas
-
-    canvas = Canvas(view, *PIXELS, (1, 1, 1))
-    values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
-    canvas.surface(surface, colours_of(values, field))
-    result = subject.results[name]
-    points = result.drawn_points
-    canvas.balls(
-        points.xyz,
-        colours_of(result.point_distances, point_field(subject)),
-        1.0 if len(points) < 2000 else 0.5,
-    )
-    return canvas.pixels()
 
 
 def draw_bar(

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...geometry.surface import Surface
-from .fields import Field, colour_table
+from .colour_maps import colour_table
+from .fields import Field
 
 LETTER = 12.0  # height of a capital in the units of Open3D's text
 SMALL = 0.075  # height of a capital, as a share of the radius of what is shown

@@ -18,8 +18,9 @@ from ..mapping.wall_regions import with_regions
 from ..subject import Subject
 from ..surfaces.display import decimated
 from .caption import made
+from .colour_maps import MAPS, colour_table
 from .estimates import all_fields, all_surfaces, estimate_data
-from .fields import MAPS, Field, colour_table, point_field
+from .fields import Field, point_field
 from .packing import LAST, Json, coded, grid, once, packed
 
 GHOST_FACES = 10_000

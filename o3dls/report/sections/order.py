@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from ..drawing.distance_charts import spread_section
-from ..drawing.figures import front_png
+from ..drawing.pictures import static_pictures
 from ..drawing.scene import scene
 from ..mapping.sections import next_section, region_section
 from ..mapping.views import orientation
 from ..markup import join, tag
-from ..page_parts import image, viewer_scripts
+from ..page_parts import viewer_scripts
 from ..section import Maker, Section
 from ..subject import Subject
 from .certainty import calibration_section, pose_section
@@ -43,11 +43,8 @@ def picture_section(subject: Subject) -> Section | None:
         else ""
     )
     note = tag("p", shapes + frame + more, class_="soft")
-    static = image(
-        front_png(subject),
-        f"{' and '.join(subject.shown)} side by side, from {next(iter(seen.views()))}, in one colour scale",
-    )
-    return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
+    drawn = join(static_pictures(subject), viewer_scripts(scene(subject)), note)
+    return Section("pictures", "Side by side", drawn)
 
 
 SECTIONS: tuple[Maker, ...] = (

@@ -22,7 +22,6 @@ from ..drawing.figures import (
     draw_caption,
     draw_pictures,
     drawable,
-    front_png,
     pictures_png,
     plain_figure,
     png,
@@ -65,7 +64,7 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
             return {"outlines.png": png(figure)}
     patient = orientation(subject).patient
     views = ("ap", "pa") if patient else ("prior_minus_y", "prior_plus_y")
-    pictures = (front_png(subject), pictures_png(subject, behind=True))
+    pictures = (pictures_png(subject), pictures_png(subject, behind=True))
     return {f"surfaces_{view}.png": data for view, data in zip(views, pictures, strict=True)}
 
 

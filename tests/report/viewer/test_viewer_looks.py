@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from o3dls.geometry.similarity import similarity
-from o3dls.report.drawing.fields import colour_table
+from o3dls.report.drawing.colour_maps import colour_table
 from o3dls.report.writer import write_report
 from tests.browser import Visit
 from tests.finished import bulged_case, finished
