@@ -79,17 +79,18 @@ def _find_openings(surface: Surface, named: tuple[tuple[Any, ...], ...]) -> Ints
     places = {name: np.array(at) for name, *at in named}
     middle = _find_middle(surface)
     depth = _measure_depths(surface)
+    edges = _measure_edges(surface)
     reach = {name: _distance_off_axis(surface.vertices, at, middle) for name, at in places.items()}
     reach = {name: far - (ANNULUS if name == "MA" else REACH) for name, far in reach.items()}
     found = np.full(len(depth), -1)
     nearest = np.full(len(depth), np.inf)
     for name in places:
         begin = reach[name] <= 0.0
-        along = _measure_way(surface, begin, (depth > DEEP) & (name != "MA"))
+        along = _measure_way(edges, begin, (depth > DEEP) & (name != "MA"))
         along = np.where(begin, reach[name], along)
         closer = along < nearest
         found[closer], nearest[closer] = REGIONS.index(name), along[closer]
-    return _add_unnamed(surface, depth, found)
+    return _add_unnamed(edges, depth, found)
 
 
 def valve_of(surface: Surface, landmarks: Mapping[str, Array]) -> Mask:
@@ -128,29 +129,37 @@ def _measure_depths(surface: Surface) -> Array:
     return np.asarray(depth[cKDTree(at).query(surface.vertices)[1]])
 
 
-def _measure_edges(surface: Surface, mask: Mask) -> sparse.csr_array:
-    """Return the lengths of the edges between vertices of a mask."""
-    edges = np.vstack([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
-    edges = np.unique(np.sort(edges[mask[edges].all(axis=1)], axis=1), axis=0)
-    length = np.linalg.norm(np.diff(surface.vertices[edges], axis=1)[:, 0], axis=1)
+def _measure_edges(surface: Surface) -> sparse.coo_array:
+    """Return the lengths of the edges of a surface."""
     n = len(surface.vertices)
-    return sparse.csr_array((length, (edges[:, 0], edges[:, 1])), shape=(n, n))
+    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    key = np.unique(pairs.min(axis=1) * n + pairs.max(axis=1))  # each once
+    ends = key // n, key % n
+    length = np.linalg.norm(surface.vertices[ends[0]] - surface.vertices[ends[1]], axis=1)
+    return sparse.coo_array((length, ends), shape=(n, n))
 
 
-def _measure_way(surface: Surface, begin: Mask, mask: Mask) -> Array:
+def _keep_edges(edges: sparse.coo_array, mask: Mask) -> sparse.csr_array:
+    """Return the edges between vertices of a mask."""
+    first, second = edges.coords
+    kept = mask[first] & mask[second]
+    return sparse.csr_array((edges.data[kept], (first[kept], second[kept])), shape=edges.shape)
+
+
+def _measure_way(edges: sparse.coo_array, begin: Mask, mask: Mask) -> Array:
     """Return the length (n,) of the shortest way along the surface within a mask from where it begins; inf
     where there is none.
     """
     if not begin.any():
         return np.full(len(mask), np.inf)
-    graph = _measure_edges(surface, mask | begin)
+    graph = _keep_edges(edges, mask | begin)
     return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(begin), min_only=True))
 
 
-def _add_unnamed(surface: Surface, depth: Array, found: Ints) -> Ints:
+def _add_unnamed(edges: sparse.coo_array, depth: Array, found: Ints) -> Ints:
     """Return the openings with the tubes that belong to none of them."""
     left = (depth > DEEP) & (found < 0)
-    part = connected_components(_measure_edges(surface, left), directed=False)[1]
+    part = connected_components(_keep_edges(edges, left), directed=False)[1]
     long = np.unique(part[left & (depth > LONG)])
     return np.asarray(np.where(left & np.isin(part, long), REGIONS.index(UNNAMED), found), dtype=np.int64)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from ..arrays import Array
 
@@ -40,5 +41,5 @@ def depth_in_tubes(at: Array, normals: Array, points: Array) -> Array:
     """
     centre, radius = inner_balls(at, normals, points)
     wide = radius >= WIDE * radius.max()
-    gap = np.linalg.norm(at[:, None] - centre[wide], axis=2) - radius[wide]
+    gap = cdist(at, centre[wide]) - radius[wide]
     return np.asarray(np.maximum(gap.min(axis=1), 0.0))
