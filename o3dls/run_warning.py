@@ -18,6 +18,7 @@ CODES: Mapping[str, str] = {
     # poses
     "weak-direction": "the points do not determine the pose in one direction",
     "uncertain-pose": "the pose search found another pose that is almost as good",
+    "prior-reduced": "the prior has more faces than a fit can use, and was reduced",
     # the end of a run
     "points-far-off": "held-out points, ablation sites or landmarks lie centimetres from the result",
     # motion: the case

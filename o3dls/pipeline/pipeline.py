@@ -104,15 +104,17 @@ class Pipeline:
             return self._run_case(case or self._own_case(), pool)
 
     def _run_case(self, case: Case, pool: Executor | None) -> Run:
+        from ..adapters.decimation import with_working_prior
         from ..parallel import started_beside
 
         begin = perf_counter()
+        case, reduction = with_working_prior(case)
         self._check_case(case)
         say_unpaired(case)
         for writer in self.writes:
             started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
-        estimates = self._fit_and_judge(case)
+        estimates = _warned(self._fit_and_judge(case), reduction)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
@@ -122,7 +124,7 @@ class Pipeline:
         final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
         for warning in warnings:
             log.warning("%s", warning.sentence)
-        estimates = {name: replace(e, warnings=(*e.warnings, *warnings)) for name, e in estimates.items()}
+        estimates = _warned(estimates, warnings)
         run = scored(
             corrected,
             estimates,
@@ -235,3 +237,8 @@ class Pipeline:
         if self.case is None:
             raise InputError('the pipeline names no case: give one to run(), or set case = "folder"')
         return read_case(self.case)
+
+
+def _warned(estimates: dict[str, Estimate], warnings: Sequence[RunWarning]) -> dict[str, Estimate]:
+    """Return the estimates, each with further warnings."""
+    return {name: replace(one, warnings=(*one.warnings, *warnings)) for name, one in estimates.items()}

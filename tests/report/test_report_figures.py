@@ -461,13 +461,13 @@ def test_a_page_needs_no_matplotlib(tmp_path: Path) -> None:
 def test_surfaces_with_the_faces_of_the_prior_are_decimated_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a prior of 500 000 faces the decimation of every estimate took half of the time of a run."""
     done: list[int] = []
-    fewer = display._fewer_faces
+    fewer = display.reduced
 
     def counted(surface: Surface, faces: int) -> Surface:
         done.append(faces)
         return fewer(surface, faces)
 
-    monkeypatch.setattr(display, "_fewer_faces", counted)
+    monkeypatch.setattr(display, "reduced", counted)
     prior = fine_sphere(4000)
     moved = [prior.with_vertices(prior.vertices * [1.0, 1.0 + k / 5, 1.0] + [k, 0, 0]) for k in range(4)]
     some = [decimated(replace(one, fields={"y": one.vertices[:, 1]}), 1000, 800, like=prior) for one in moved]

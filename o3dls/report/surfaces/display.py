@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...adapters.decimation import reduced
 from ...arrays import Array, Ints
 from ...case import Case
 from ...evaluation.interpolation import REACH, to_surface
@@ -78,7 +79,7 @@ def _reduce_faces(surface: Surface, wanted: int) -> tuple[Surface, Ints, Array]:
     """Return a surface of fewer faces, and where its vertices (n, 3) lie on the other: among which of its
     vertices (n, 3), with which weights (n, 3).
     """
-    small = _fewer_faces(surface, wanted)
+    small = reduced(surface, wanted)
     _, face, _, weights = surface.closest_point.query(small.vertices)
     return small, surface.faces[face], weights
 
@@ -86,13 +87,3 @@ def _reduce_faces(surface: Surface, wanted: int) -> tuple[Surface, Ints, Array]:
 @lru_cache(maxsize=3)  # surfaces of one prior are drawn in up to three sizes
 def _reduce_once(surface: Surface, wanted: int) -> tuple[Surface, Ints, Array]:
     return _reduce_faces(surface, wanted)
-
-
-def _fewer_faces(surface: Surface, faces: int) -> Surface:
-    import open3d as o3d
-
-    corners = o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(surface.vertices), corners
-    ).simplify_quadric_decimation(faces)
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
