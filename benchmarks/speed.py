@@ -20,6 +20,12 @@ a graphics card.
 With --cohort it is a cohort on two workers of dask beside the same on one, begin and end included: the demo's
 atrium with other seeds, the default pipeline, one thread a worker. What the engine takes is what one worker
 needs from its first outcome to its last beyond a plain loop over the same cases.
+
+With --readers it is what readers of surfaces make of damaged files: our own, Open3D and VTK, each file in a
+process of its own. The files are whole ones of Open3D and VTK, of which a third is cut off, in a third one to
+four bytes anywhere are others, in a third some of the first 400. A file counts as read wrong where what comes
+back has another number of vertices or triangles, a corner that is not there or a place that is not finite;
+other coordinates are not counted, as no reader can know them. Nothing back, or an error, counts as refused.
 """
 
 from __future__ import annotations
@@ -27,6 +33,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -135,6 +142,16 @@ OTHER_PAGE = 3.0  # MB, of a page of a thousand cases
 READY = "Number(document.documentElement.dataset.ready)"
 DRAWN = """() => new Promise((done) => requestAnimationFrame(
     () => requestAnimationFrame(() => done(performance.now()))))"""
+DAMAGED = ("ended", "hung", "read wrong", "refused", "read")  # what became of a file
+ENDED, HUNG, WRONG, REFUSED, READ = range(len(DAMAGED))
+READERS = {  # the formats that each reads
+    "o3dls": (".ply", ".stl", ".obj", ".vtk", ".vtp"),
+    "Open3D": (".ply", ".stl", ".obj"),
+    "VTK": (".ply", ".stl", ".obj", ".vtk", ".vtp"),
+}
+READER_SECONDS = 5  # a whole file takes milliseconds
+READER_BYTES = 8 << 30  # of addresses: what a damaged header asks for beyond is not to be had
+HEADER = 400  # bytes of a file in which its numbers of vertices and faces stand
 DRAW_CALLS = "Math.max(...JSON.parse(document.documentElement.dataset.drawCalls))"
 
 
@@ -741,6 +758,162 @@ def print_page(shown: Path | None, repeat: int) -> None:
             print(f"{key:24}{min(values):10.0f} at least, {median(values):.0f} in the middle{limit}")
 
 
+def whole_files(folder: Path) -> dict[str, Path]:
+    """A ball in every format and layout, as Open3D and VTK write it, by the name of its row."""
+    import open3d as o3d
+    from vtkmodules.vtkIOGeometry import vtkOBJWriter, vtkSTLWriter
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+    from vtkmodules.vtkIOPLY import vtkPLYReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    mesh = o3d.geometry.TriangleMesh.create_sphere(20.0, 8)
+    found = {}
+    for said, text in (("PLY, binary", False), ("PLY, text", True)):
+        found[said] = folder / f"{'text' if text else 'binary'}.ply"
+        o3d.io.write_triangle_mesh(str(found[said]), mesh, write_ascii=text)
+    reader = vtkPLYReader()
+    reader.SetFileName(str(found["PLY, binary"]))
+    reader.Update()
+    for said, name, writer, mode in (
+        ("STL, binary", "binary.stl", vtkSTLWriter(), "Binary"),
+        ("STL, text", "text.stl", vtkSTLWriter(), "ASCII"),
+        ("OBJ", "text.obj", vtkOBJWriter(), ""),
+        ("VTK, binary", "binary.vtk", vtkPolyDataWriter(), "Binary"),
+        ("VTK, text", "text.vtk", vtkPolyDataWriter(), "ASCII"),
+        ("VTP, packed", "packed.vtp", vtkXMLPolyDataWriter(), "Appended"),
+        ("VTP, text", "text.vtp", vtkXMLPolyDataWriter(), "Ascii"),
+    ):
+        writer.SetFileName(str(folder / name))
+        writer.SetInputData(reader.GetOutput())
+        if mode:
+            getattr(writer, f"Set{'DataModeTo' if name.endswith('.vtp') else 'FileTypeTo'}{mode}")()
+        writer.Write()
+        found[said] = folder / name
+    return found
+
+
+def damage(data: bytes, k: int, seed: int) -> bytes:
+    """The k-th damaged copy of a file; a digit becomes another digit, so that texts remain numbers."""
+    import numpy as np
+
+    rng = np.random.default_rng([seed, k])
+    if k % 3 == 0:
+        return data[: rng.integers(1, len(data))]
+    changed = bytearray(data)
+    while bytes(changed) == data:
+        for at in rng.integers(len(data) if k % 3 == 1 else min(len(data), HEADER), size=rng.integers(1, 5)):
+            digit = chr(changed[at]).isdigit() and changed[at] < 128
+            changed[at] = int(rng.integers(48, 58) if digit else rng.integers(256))
+    return bytes(changed)
+
+
+def read_mesh(reader: str, path: Path) -> tuple[Any, Any]:
+    """The vertices (n, 3) and faces (m, 3) that one of READERS gives of a file, empty where it has none."""
+    import numpy as np
+
+    if reader == "o3dls":
+        from o3dls.io.surfaces import read_surface_file
+
+        surface = read_surface_file(path).surface
+        return surface.vertices, surface.faces
+    if reader == "Open3D":
+        import open3d as o3d
+
+        mesh = o3d.io.read_triangle_mesh(str(path))
+        return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    from vtkmodules import vtkIOGeometry, vtkIOLegacy, vtkIOPLY, vtkIOXML
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    found = {
+        ".ply": vtkIOPLY.vtkPLYReader,
+        ".stl": vtkIOGeometry.vtkSTLReader,
+        ".obj": vtkIOGeometry.vtkOBJReader,
+        ".vtk": vtkIOLegacy.vtkPolyDataReader,
+        ".vtp": vtkIOXML.vtkXMLPolyDataReader,
+    }[path.suffix]()
+    found.SetFileName(str(path))
+    found.Update()
+    data = found.GetOutput()
+    if data is None or data.GetNumberOfPolys() == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+    corners = vtk_to_numpy(data.GetPolys().GetConnectivityArray())
+    sizes = np.diff(vtk_to_numpy(data.GetPolys().GetOffsetsArray()))
+    vertices = vtk_to_numpy(data.GetPoints().GetData()) if data.GetPoints() else np.zeros((0, 3))
+    # a polygon of another size is no triangle of the file
+    return vertices, corners.reshape(-1, 3) if (sizes == 3).all() else np.full((1, 3), -1)
+
+
+def count_mesh(path: Path, vertices: Any, faces: Any) -> tuple[int, int]:
+    """How many vertices and faces a file has; an STL has no vertices of its own, which readers make."""
+    return 0 if path.suffix == ".stl" else len(vertices), len(faces)
+
+
+def judge_mesh(reader: str, path: Path, counts: tuple[int, int]) -> int:
+    """What a reader makes of a file whose whole has so many vertices and faces: one of DAMAGED."""
+    import numpy as np
+
+    from o3dls.errors import O3dlsError
+
+    try:
+        vertices, faces = read_mesh(reader, path)
+    except (O3dlsError, OSError, RuntimeError, ValueError, MemoryError):
+        return REFUSED
+    if len(vertices) == 0 or len(faces) == 0:
+        return REFUSED
+    wrong = count_mesh(path, vertices, faces) != counts or not np.isfinite(vertices).all()
+    return WRONG if wrong or faces.min() < 0 or faces.max() >= len(vertices) else READ
+
+
+def judge_files(reader: str, whole: Path, count: int, seed: int) -> list[int]:
+    """How many of so many damaged copies of a file became each of DAMAGED, in its order."""
+    counts = count_mesh(whole, *read_mesh(reader, whole))  # imports what is needed, once for all children
+    if (made := _judge_apart(reader, whole, counts)) != READ or counts[1] == 0:
+        raise SystemExit(f"{reader} cannot read the whole {whole.name}: {DAMAGED[made]}")
+    data, path = whole.read_bytes(), whole.with_stem(f"{reader}_{whole.stem}")
+    found = [0] * len(DAMAGED)
+    for k in range(count):
+        path.write_bytes(damage(data, k, seed))
+        found[_judge_apart(reader, path, counts)] += 1
+    return found
+
+
+def _judge_apart(reader: str, path: Path, counts: tuple[int, int]) -> int:
+    """Judge a file in a process of its own, which the file may end, or keep from ending."""
+    import resource
+
+    child = os.fork()
+    if child == 0:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        resource.setrlimit(resource.RLIMIT_AS, (READER_BYTES, READER_BYTES))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends a loop outside of Python too
+        signal.alarm(READER_SECONDS)
+        code = ENDED
+        try:
+            code = judge_mesh(reader, path, counts)
+        finally:
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status):
+        return HUNG if os.WTERMSIG(status) == signal.SIGALRM else ENDED
+    return os.WEXITSTATUS(status)
+
+
+def print_readers(count: int, seed: int) -> None:
+    """A row for each format and reader: what became of so many damaged files."""
+    print(f"| {count} files | reader | {' | '.join(DAMAGED)} |")
+    print("|---" * (2 + len(DAMAGED)) + "|")
+    with TemporaryDirectory() as folder:
+        for said, path in whole_files(Path(folder)).items():
+            for reader, suffixes in READERS.items():
+                if path.suffix in suffixes:
+                    with ProcessPoolExecutor(1, get_context("spawn")) as process:
+                        found = process.submit(judge_files, reader, path, count, seed).result()
+                    print(f"| {said} | {reader} | {' | '.join(map(str, found))} |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -765,7 +938,18 @@ def main() -> None:
         metavar="CASES",
         help="a cohort of so many cases, default 16, on two workers and on one",
     )
+    parser.add_argument(
+        "--readers",
+        type=int,
+        nargs="?",
+        const=300,
+        metavar="FILES",
+        help="what readers of surfaces make of so many damaged files of each format, default 300",
+    )
     arguments = parser.parse_args()
+    if arguments.readers:
+        print_readers(arguments.readers, arguments.seed)
+        return
     if arguments.page is not None:
         print_page(Path(arguments.page) if arguments.page else None, arguments.repeat)
         return

@@ -8,10 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array, Ints
-from ...errors import InputError
+from ...errors import InputError, escaped
 from ..text import decode, is_count, join_rows, number_rows, rectangle
 from .surface_file import NOTICE, SurfaceFile, check_end
 from .triangulation import triangulate
+
+# every statement that the format has; those of curves and surfaces are ignored like normals and groups
+STATEMENTS = """v vt vn vp f l p g s mg o fo usemtl mtllib usemap maplib bevel c_interp d_interp lod
+    shadow_obj trace_obj cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech
+    bsp bzp cdc cdp res call csh"""
+KNOWN = frozenset(STATEMENTS.split())
+SEEN = ("v ", "f ", "vn ", "vt ", "#")  # how most lines begin, which need not be taken apart
 
 
 def knows_obj(data: bytes) -> bool:
@@ -21,6 +28,7 @@ def knows_obj(data: bytes) -> bool:
 def read_obj(path: Path, data: bytes) -> SurfaceFile:
     """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
     lines = _join_continued(path, [line.strip() for line in decode(data, path).splitlines()])
+    notes = _name_unknown(path, lines)
     rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
     widths = {len(lines[k].split()) for k in rows}
     if not widths <= {4, 5, 7, 8}:
@@ -45,7 +53,23 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
             raise InputError(
                 f"{path}: its header states {stated[1]} {what}, there are {found}: the file is truncated"
             )
-    return SurfaceFile.of(path, vertices, triangles, header=header)
+    return SurfaceFile.of(path, vertices, triangles, header=header, notes=notes)
+
+
+def _name_unknown(path: Path, lines: list[str]) -> list[str]:
+    """Return a sentence on each word at the beginning of lines that is no statement of the format. Raises
+    InputError where it is no word: one byte that differs would have a face left out.
+    """
+    others = [(k, line.split()[0]) for k, line in enumerate(lines, 1) if line and not line.startswith(SEEN)]
+    unknown = [(k, word) for k, word in others if word not in KNOWN]
+    for k, word in unknown:
+        if not re.fullmatch("[A-Za-z_]+", word):
+            raise InputError(
+                f"{path}: line {k} begins with '{escaped(word[:40])}', which is no statement of OBJ: it is "
+                "damaged"
+            )
+    words = dict.fromkeys(word for _, word in unknown)
+    return [f"lines that begin with '{word[:40]}' are left out: OBJ has no such statement" for word in words]
 
 
 def _join_continued(path: Path, lines: list[str]) -> list[str]:

@@ -117,7 +117,16 @@ def _binary_tables(path: Path, elements: list[Element], body: memoryview, order:
     tables = {}
     for element in elements:
         tables[element.name], body = binary_rows(path, element, body, order)
+    if bytes(body).strip(b"\0\r\n"):
+        raise _too_few_stated(path, f"{len(body)} bytes")
     return tables
+
+
+def _too_few_stated(path: Path, what: str) -> InputError:
+    return InputError(
+        f"{path}: {what} follow the last row that its header counts: the header is damaged, or it counts too "
+        "few"
+    )
 
 
 def _ascii_tables(path: Path, elements: list[Element], body: memoryview, first: int) -> dict[str, Columns]:
@@ -129,6 +138,8 @@ def _ascii_tables(path: Path, elements: list[Element], body: memoryview, first: 
             raise truncated(path, element, len(lines))
         tables[element.name] = ascii_rows(path, element, lines[: element.rows])
         lines = lines[element.rows :]
+    if lines:
+        raise _too_few_stated(path, f"{len(lines)} lines")
     return tables
 
 

@@ -23,7 +23,7 @@ from ..text import is_count
 NOTICE = "o3dls, research software, not for clinical use"
 OPPOSED = 0.5  # share of their length: the mean of vectors at right angles is longer
 # programs that always end their last line
-END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
+END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated|Visualization Toolkit")
 
 
 @dataclass(frozen=True, eq=False)
