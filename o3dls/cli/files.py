@@ -100,6 +100,11 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     type=click.Choice(["sform", "qform"]),
     help="NIfTI of two forms that contradict: the right one",
 )
+@click.option(
+    "--sidecar",
+    type=click.Choice(["ignore", "take"]),
+    help="volume that a JSON file beside it contradicts: what is done with that",
+)
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.
