@@ -27,9 +27,9 @@ ORIENTATIONS = ("ImageOrientationPatientDICOM", "ImageOrientationPatient")
 
 
 class Fault(NamedTuple):
-    """A sidecar and a volume contradict: `said` names both statements, `factors` (3,) are those by which the
-    axes i, j and k become as the sidecar says, None where it cannot say that; `units` are the sidecar's where
-    these are the fault.
+    """A fault is that a sidecar and a volume contradict: `said` names both statements, `factors` (3,) are
+    those by which the axes i, j and k become as the sidecar says, None where it cannot say that; `units` are
+    the sidecar's where these are the fault.
     """
 
     said: str
