@@ -153,11 +153,12 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken
     and what was left.
     """
+    from ..columns import column_table
     from ..io.mapping.study_import import import_study
 
     found = import_study(study, map_name, out, **options)
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
-    for line in (*lines, *found.notes, out):
+    for line in (*lines, *found.notes, *column_table(found.columns), out):
         say(line)
 
 

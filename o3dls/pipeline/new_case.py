@@ -10,6 +10,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from ..columns import column_table
 from ..errors import InputError
 from ..io.atomic import check_free, staged_folder, write_file
 from ..io.case_reader import case_of
@@ -110,8 +111,8 @@ def make_case(
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
         write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
         write_manifest(staged)
-    for heading, what in case.columns.items():
-        log.info("column '%s' of the points: %s", heading, what)
+    for line in column_table(case.columns):
+        log.info("%s", line)
     return folder / "pipeline.toml"
 
 
