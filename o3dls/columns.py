@@ -114,6 +114,13 @@ def read_choice(columns: str, where: str) -> dict[str, str]:
     return {heading.strip().lower(): name.strip() for name, _, heading in pairs}
 
 
+def column_table(columns: Mapping[str, str]) -> list[str]:
+    """Return the lines of a table that says what became of each column, by its heading."""
+    rows = [("column of the points", "became"), *columns.items()] if columns else []
+    width = max((len(heading) for heading, _ in rows), default=0)
+    return [f"{heading:<{width}}  {what}" for heading, what in rows]
+
+
 def described(heading: str, name: str, kind: str) -> str:
     """Return what became of a column: the heading of it, its name in the case, and whether it holds text."""
     if name in ALIASES:

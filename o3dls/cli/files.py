@@ -100,6 +100,11 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     type=click.Choice(["sform", "qform"]),
     help="NIfTI of two forms that contradict: the right one",
 )
+@click.option(
+    "--sidecar",
+    type=click.Choice(["ignore", "take"]),
+    help="volume that a JSON file beside it contradicts: what is done with that",
+)
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.
@@ -148,11 +153,12 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken
     and what was left.
     """
+    from ..columns import column_table
     from ..io.mapping.study_import import import_study
 
     found = import_study(study, map_name, out, **options)
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
-    for line in (*lines, *found.notes, out):
+    for line in (*lines, *found.notes, *column_table(found.columns), out):
         say(line)
 
 

@@ -46,6 +46,11 @@ def prior_choice(command: Any) -> Any:
                 type=click.Choice(["sform", "qform"]),
                 help="NIfTI whose two forms contradict: the one that is right",
             ),
+            click.option(
+                "--sidecar",
+                type=click.Choice(["ignore", "take"]),
+                help="volume that a JSON file beside it contradicts: what is done with that",
+            ),
         )
     ):
         command = option(command)

@@ -13,6 +13,7 @@ from ..arrays import TINY, Array, Ints, Mask
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
+from ..geometry.cut_wall import on_cut
 from ..geometry.inner_balls import depth_in_tubes
 from ..geometry.similarity import rms_radius
 from ..geometry.surface import Surface
@@ -114,8 +115,8 @@ def suggest(
     another, each with those before it in mind.
 
     Not proposed are places that are surer than the wall in the mean, that lie within 5 mm of a mapping point
-    or of each other, or deeper than 5 mm in a tube of the prior (for an atrium; 0.2 rms radii). There are
-    fewer than k where the next takes less than 2 % of the mean variance.
+    or of each other, deeper than 5 mm in a tube of the prior (for an atrium; 0.2 rms radii), or where the
+    image ended. There are fewer than k where the next takes less than 2 % of the mean variance.
 
     Parameters
     ----------
@@ -161,7 +162,8 @@ def suggest(
     if k < 1:
         raise InputError(f"k = {k}: must be at least 1")
     n = len(estimate.surface.vertices)
-    reachable = np.ones(n, dtype=bool) if reachable is None else _check_weights("reachable", reachable, n) > 0
+    can = np.ones(n) if reachable is None else _check_weights("reachable", reachable, n)
+    reachable = (can > 0) & ~on_cut(estimate.surface)
     weights = np.ones(n) if weights is None else _check_weights("weights", weights, n)
     at = estimate.motion(case.prior.vertices[modes.places])
     wall = _describe_wall(case, estimate, modes, at, weights)
@@ -212,8 +214,7 @@ def _choose_places(
     sigma = estimate.sigma or 0.0
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
     free = distance > apart
-    found: list[Place] = []
-    ended = ""
+    found, ended = list[Place](), ""
     while len(found) < k:
         gains = wall.gains(sigma, believed)
         best, ended = _find_best(wall, vertex, allowed & free, gains)

@@ -18,7 +18,18 @@ from .text import read_bytes
 # files of voxels alone, which a header beside them describes
 VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part", "form", "columns")
+TEXTS = (
+    "name",
+    "units",
+    "prior_file_units",
+    "frame",
+    "prior_of",
+    "notes",
+    "part",
+    "form",
+    "sidecar",
+    "columns",
+)
 KEYS = dict.fromkeys((*TEXTS, *FILES), str) | {
     "dimension": int,
     "label": int,
@@ -35,6 +46,7 @@ ALLOWED: Mapping[str, tuple[str | int, ...]] = {
     "prior_of": PRIOR_OF,
     "dimension": (2, 3),
     "form": ("sform", "qform"),
+    "sidecar": ("ignore", "take"),
 }
 
 
@@ -81,6 +93,8 @@ class Folder:
             there = sorted(p for p in self.path.glob(f"{role}.*") if p.is_file())
             voxels = [p for p in there if p.name.lower().endswith(VOXELS)]
             found = [p for p in there if p not in voxels] or voxels
+            if role == "prior":  # a JSON file beside it is its sidecar
+                found = [p for p in found if p.suffix.lower() != ".json"] or found
             for data in voxels:
                 self.note(data)
             if len(found) > 1:

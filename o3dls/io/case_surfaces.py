@@ -24,7 +24,7 @@ from .table import Table, write_table
 from .text import integers
 
 # settings that choose a surface of the prior's file
-CHOICE = ("label", "part", "box", "layer", "fill_slices", "form")
+CHOICE = ("label", "part", "box", "layer", "fill_slices", "form", "sidecar")
 log = logging.getLogger("o3dls")
 
 

@@ -64,7 +64,7 @@ FORMATS = (
         labels.knows,
         labels.read,
         None,
-        ("label", "part", "box", "layer", "fill_slices", "form", "frame"),
+        ("label", "part", "box", "layer", "fill_slices", "form", "sidecar", "frame"),
     ),
     Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off, (), left_out),
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
@@ -99,8 +99,8 @@ def read_surface_file(
     `units` and `frame` are those of the file where it does not state them; only a format that would else take
     its standard's, or cannot be read without, asks for them here.
 
-    `label`, `part`, `box`, `layer`, `fill_slices` and `form` say which surface of several is meant, and how;
-    `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option without a use here.
+    `label`, `part`, `box`, `layer`, `fill_slices`, `form` and `sidecar` say which surface of several is
+    meant, and how; `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option of no use.
     """
     path = Path(path)
     data = _read_content(path)

@@ -12,6 +12,7 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
+from ..geometry.cut_wall import on_cut
 from ..geometry.surface import Surface
 from ..registration.landmarks import leave_one_out, odd_one
 from ..report.checks import FAR_LANDMARK
@@ -138,6 +139,6 @@ def expected(case: Case, estimate: Estimate) -> tuple[float | None, float | None
     if not len(points):
         return None, None
     gap = np.asarray(cKDTree(points).query(surface.vertices)[0])
-    far = np.asarray(gap > REACH, dtype=np.float64)
+    far = np.asarray((gap > REACH) | on_cut(surface), dtype=np.float64)
     found = expected_of(replace(surface, fields={**surface.fields, "prior_only": far}), case.units)
     return (None, None) if found is None else (number(found.mapped), number(found.prior_only))

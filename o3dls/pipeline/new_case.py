@@ -10,6 +10,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from ..columns import column_table
 from ..errors import InputError
 from ..io.atomic import check_free, staged_folder, write_file
 from ..io.case_reader import case_of
@@ -47,6 +48,11 @@ CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
     ("box", None, "label volume: cut to least x y z, most x y z (mm, LPS)"),
     ("fill_slices", None, "label volume: interpolate blank slices"),
     ("form", None, "NIfTI whose two forms contradict: the one that is right, sform or qform"),
+    (
+        "sidecar",
+        None,
+        "volume that a JSON file beside it contradicts: ignore or take what that says",
+    ),
     ("points", None, "the mapping points: columns x, y, z and type (eam, ablation, landmark, inside)"),
     ("columns", None, "which columns of the points these are, where headings do not say: bipolar=V1, x=East"),
     ("prior_landmarks", None, "places named on the prior, such as veins; pairs with landmarks of the points"),
@@ -84,7 +90,7 @@ def make_case(
     the path of that file.
 
     out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame,
-    prior_of, cap, label, part, box, layer, fill_slices, form as case.toml has them; None means not given.
+    prior_of, cap, label, part, box, layer, fill_slices, form, sidecar as case.toml has them; None: not given.
     Raises InputError for all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
@@ -105,8 +111,8 @@ def make_case(
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
         write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
         write_manifest(staged)
-    for heading, what in case.columns.items():
-        log.info("column '%s' of the points: %s", heading, what)
+    for line in column_table(case.columns):
+        log.info("%s", line)
     return folder / "pipeline.toml"
 
 

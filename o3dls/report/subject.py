@@ -17,6 +17,7 @@ from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
+from ..geometry.cut_wall import on_cut
 from ..geometry.surface import Surface
 from ..runs.folder import day_of_end
 from ..runs.run import Run
@@ -177,12 +178,12 @@ class Subject:
 
 
 def unmapped(surface: Surface, unit: str) -> float | None:
-    """Return the share of the area farther than REACH from every fitted point; None where it is unknown."""
+    """Return the share of the area far from every fitted point or cut by the image; None if unknown."""
     gap = surface.fields.get(f"distance_to_nearest_point_{unit}")
     if gap is None or surface.dimension == 2:
         return None
-    far = (gap > REACH)[surface.faces].mean(axis=1)
-    return float((far * surface.face_areas).sum() / surface.area)
+    far = (gap > REACH) | on_cut(surface)
+    return float(surface.vertex_areas @ far / surface.area)
 
 
 def read_subject(

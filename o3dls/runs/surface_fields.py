@@ -17,6 +17,7 @@ from ..estimate import Estimate
 from ..evaluation.distances import moved
 from ..evaluation.electrical import with_electrical
 from ..evaluation.interpolation import REACH
+from ..geometry.cut_wall import on_cut
 from ..geometry.similarity import apply
 from ..geometry.surface import Surface
 
@@ -25,8 +26,8 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     """Return the surface with what is known of each vertex, and its own fields.
 
     These are `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`,
-    `prior_only` (1 farther than `REACH` from every such point), and the electrical values of the points
-    carried to it (NaN there).
+    `prior_only` (1 farther than `REACH` from every such point, and where the image ended), and the electrical
+    values of the points carried to it (NaN where they are far).
 
     The points are those at the wall: eam, and ablation where these are among the types that were `fitted`.
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a
@@ -39,7 +40,7 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
         f"displacement_{unit}": displacement(case.prior, estimate),
         f"distance_to_nearest_point_{unit}": gap,
     }
-    fields["prior_only"] = (gap > REACH).astype(np.float64)
+    fields["prior_only"] = ((gap > REACH) | on_cut(surface)).astype(np.float64)
     if estimate.motion is not None and f"sd_{unit}" not in surface.fields:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
     return replace(surface, fields={**surface.fields, **fields})

@@ -15,6 +15,7 @@ from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation import next_places
 from o3dls.evaluation.wall_modes import spread, wall_modes
+from o3dls.geometry.cut_wall import CUT
 from o3dls.geometry.inner_balls import depth_in_tubes, inner_balls
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.motion.recorded import RecordedMotion
@@ -120,6 +121,16 @@ def test_weights_and_reach_are_respected(half_mapped: tuple[Case, Estimate]) -> 
     nowhere = suggest(case, estimate, 2, reachable=x > x.max() - 1e-9)
     assert not nowhere.places
     assert "no further place" in nowhere.ended
+
+
+def test_no_place_is_proposed_where_the_image_ended(half_mapped: tuple[Case, Estimate]) -> None:
+    case, estimate = half_mapped
+    free = suggest(case, estimate, 1).places[0]
+    z = np.sign(free.xyz[2]) * estimate.surface.vertices[:, 2]
+    surface = replace(estimate.surface, fields={**estimate.surface.fields, CUT: (z > 0).astype(float)})
+    cut = suggest(case, replace(estimate, surface=surface), 2).places
+    assert len(cut) == 2
+    assert all(np.sign(free.xyz[2]) * place.xyz[2] < 3.0 for place in cut)
 
 
 def test_a_sure_wall_needs_no_point() -> None:

@@ -127,12 +127,17 @@ def test_init_ends_with_what_became_of_each_column_and_the_run_records_it(
     code, said = said_by(*make)
     assert code == 0, said
     for sentence in (
-        "'Pos-X' of the points: taken as x",
-        "'Bi' of the points: taken as bipolar",
-        "'Comment' of the points: kept as text, and not used",
-        "'Voltage' of the points: kept as numbers, and not used; if it is bipolar or unipolar, say --columns",
+        "column of the points  became",
+        "Pos-X                 taken as x",
+        "Bi                    taken as bipolar",
+        "Comment               kept as text, and not used",
+        "Voltage               kept as numbers, and not used; if it is bipolar or unipolar, say --columns",
     ):
         assert sentence in caplog.text
+    assert [record.getMessage()[:8] for record in caplog.records][-7::6] == [
+        "column o",
+        "Comment ",
+    ]  # at the end
     code, said = said_by(*make, "--columns", "unipolar=Voltage", "--force")
     assert code == 0, said
     case = o3dls.read_case(tmp_path / "case")

@@ -15,11 +15,17 @@ from said import said_by
 
 import o3dls
 from o3dls.errors import InputError
+from o3dls.evaluation.interpolation import REACH
+from o3dls.geometry.cut_wall import on_cut
 from o3dls.geometry.shells import wall_thickness
 from o3dls.geometry.surface import Surface
 from o3dls.io.images.labels import surface_of
 from o3dls.io.images.voxels import Image
 from o3dls.io.surfaces import read_surface, write_surface
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report.grading.wall import prior_only
+from o3dls.report.subject import read_subject
+from tests.finished import Icp
 
 nibabel = pytest.importorskip("nibabel")
 
@@ -184,6 +190,49 @@ def test_a_label_that_the_border_cuts_off_is_said_to_end_in_flat_caps(
     ends = [mask[0], mask[-1], mask[:, 0]][:: 2 if borders == 1 else 1]
     area = sum(end.sum() for end in ends)
     assert f"cuts the label off: {area / 100:.1f} cm² of its surface are flat caps" in note
+
+
+@pytest.mark.parametrize("name", AFFINES)
+@pytest.mark.parametrize(("cut", "borders"), [((slice(20, None),), 1), ((slice(0, 25), slice(15, None)), 2)])
+def test_flat_caps_are_a_field_of_the_vertices(cut: tuple[slice, ...], borders: int, name: str) -> None:
+    mask, affine = ball()[cut], AFFINES[name]
+    surface = seen(mask, affine).surface
+    caps = on_cut(surface)
+    at = (surface.vertices - affine[:3, 3]) @ np.linalg.inv(affine[:3, :3]).T
+    planes = [at[:, 2] + 0.5] if borders == 1 else [at[:, 2] - 24.5, at[:, 1] + 0.5]
+    past = np.min(np.abs(planes), axis=0)
+    assert past[caps].max() < 0.3
+    assert caps[past < 0.01].all()
+    sides = affine[:3, :3].T
+    areas = [np.linalg.norm(np.cross(sides[0], sides[k])) for k in (1, 2)]
+    ends = [mask[0].sum()] if borders == 1 else [mask[-1].sum(), mask[:, 0].sum()]
+    expected = float(np.dot(areas[:borders], ends))
+    assert surface.vertex_areas[caps].sum() == pytest.approx(expected, rel=0.15)
+
+
+def test_no_wall_is_marked_where_no_border_cuts() -> None:
+    assert not on_cut(seen(ball()).surface).any()
+
+
+def test_flat_caps_are_prior_only_and_no_point_is_expected_there(tmp_path: Path) -> None:
+    """Though points lie near: the catheter is in front of the cap, where there is no wall."""
+    nibabel.save(nibabel.Nifti1Image(ball()[20:].astype(np.uint8), np.eye(4)), tmp_path / "la.nii")
+    assert said_by("convert", tmp_path / "la.nii", tmp_path / "la.ply")[0] == 0
+    prior = read_surface(tmp_path / "la.ply")
+    assert on_cut(prior).any()  # as a case is written, and read again
+    xyz = prior.vertices[:: len(prior.vertices) // 400]
+    run = Pipeline([Icp()], folds=0).run(o3dls.case_of(prior, xyz))
+    folder = run.write(tmp_path / "run")
+    subject = read_subject([folder])
+    surface = subject.last.estimate.surface
+    share = surface.vertex_areas @ on_cut(surface) / surface.area
+    assert 0.2 < share < 0.4
+    assert (surface.fields["distance_to_nearest_point_mm"] < REACH).all()
+    np.testing.assert_array_equal(surface.fields["prior_only"] > 0, on_cut(surface))
+    assert subject.unmapped == pytest.approx(share)
+    check = prior_only(subject)
+    assert check.short == f"{share:.0%}"
+    assert f"{share:.1%} is the cap where the border of the image cut the chamber off" in check.said
 
 
 def test_the_wall_of_a_chamber_is_told_from_a_chamber() -> None:

@@ -15,6 +15,7 @@ from ..meshes.surface_file import SurfaceFile
 from ..text import is_count
 from .pieces import joined
 from .registry import knows, read_image
+from .sidecar import DECIDED
 from .voxels import Image
 from .wall import cut_area, mask_surface, slices_first
 from .whole import (
@@ -45,13 +46,12 @@ class Choice(TypedDict, total=False):
     form: str | None
 
 
-def read(
-    path: Path, data: bytes, *, frame: str | None = None, form: str | None = None, **choice: Any
-) -> SurfaceFile:
-    """Read the surface of a label volume from a file; `frame` is that of its axes where the file does not say
-    how they lie, `form` the one to take of two that contradict; the choice is that of `surface_of`.
+def read(path: Path, data: bytes, **choice: Any) -> SurfaceFile:
+    """Read the surface of a label volume from a file; `frame`, `form` and `sidecar` are those of
+    `read_image`, the choice is that of `surface_of`.
     """
-    return surface_of(read_image(path, data, frame, form), str(path), **choice)
+    image = read_image(path, data, *(choice.pop(key, None) for key in ("frame", "form", "sidecar")))
+    return surface_of(image, str(path), **choice)
 
 
 def surface_of(
@@ -109,7 +109,8 @@ def surface_of(
         (dropped, f"voxels of smaller pieces are left out, {share}"),
         (blank, of_blank),
     )
-    notes = [f"{count} {sentence}" for count, sentence in said if count]
+    notes = [image.notes[DECIDED]] if DECIDED in image.notes else []
+    notes += [f"{count} {sentence}" for count, sentence in said if count]
     if area := cut_area(chamber, spacing):
         notes.append(
             f"the border of the volume cuts the label off: {area / 100:.1f} cm² of its surface are flat caps "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Mask
 from ...errors import InputError
+from ...geometry.cut_wall import CUT
 from ...geometry.similarity import apply
 from ...geometry.surface import Surface
 from .pieces import Bridge, filled, joined, thick, wide
@@ -19,6 +21,7 @@ DISTANCE_SMOOTHING = 1.5  # may be larger, since labels are kept
 CLEARANCE = 0.1  # voxels: how far the wall stays from their centres at least
 ROUNDS = 2  # a third moves the wall of an atrium by less than 0.01 mm in the mean
 MOST_NODES = 4_000_000  # above it slices are divided less finely, so that a volume takes seconds
+ON_CAP = 0.25  # voxels from its plane: the field bends where a cap meets the wall
 PAD = 2  # voxels around a label: outside, but for the first past the border of the volume
 Field = NDArray[np.float32]
 
@@ -27,8 +30,8 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
     """Return the closed surface between the voxels of a mask (nz, ny, nx); `affine` (4, 4) takes an index (i,
     j, k), a voxel's centre, to mm.
 
-    What leaves the volume is closed by a flat cap half a voxel past its last. Raises InputError where the
-    mask is too thin to enclose anything.
+    What leaves the volume is closed by a flat cap half a voxel past its last, whose vertices have 1 in the
+    field `cut_by_border`. Raises InputError where the mask is too thin to enclose anything.
     """
     import open3d as o3d
 
@@ -46,9 +49,19 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
         _cut_off(field.swapaxes(0, axis), end, parts_of(part, spacing) if axis == 0 else 1)
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(-field), [0.0])
     indices = mesh.vertex.positions.numpy().astype(np.float64) / [1, 1, parts_of(part, spacing)]
-    surface = Surface(apply(affine, indices + low[::-1] - PAD), mesh.triangle.indices.numpy())
+    fields = {CUT: _mark_caps(indices, part.shape, borders).astype(np.float64)} if borders else {}
+    surface = Surface(apply(affine, indices + low[::-1] - PAD), mesh.triangle.indices.numpy(), fields)
     # an affine that mirrors turns the faces inside out
-    return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
+    return surface if surface.volume > 0 else replace(surface, faces=surface.faces[:, ::-1])
+
+
+def _mark_caps(indices: Array, shape: tuple[int, ...], borders: Sequence[tuple[int, int]]) -> Mask:
+    """Return which vertices, by their indices (i, j, k) in a padded mask, lie on the caps at the borders."""
+    caps = np.zeros(len(indices), dtype=bool)
+    for axis, end in borders:
+        plane = PAD - 0.5 if end == 0 else shape[axis] - PAD - 0.5
+        caps |= np.abs(indices[:, 2 - axis] - plane) < ON_CAP
+    return caps
 
 
 def _borders_that_cut(mask: Mask) -> list[tuple[int, int]]:

@@ -27,6 +27,7 @@ from .archive import Archive
 from .belonging import Anatomy
 from .carto_points import read_car, read_sites
 from .tags import BETWEEN, has_meaning
+from .vendor_columns import columns_of_sites
 
 CLEARLY_CLOSER = 0.5  # ratio of the median gaps to the points in the two directions
 BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
@@ -217,10 +218,13 @@ def read_anatomy(study: Study, of: Map) -> Anatomy:
     return Anatomy(points, shell)
 
 
-def read_ablation(study: Study) -> Points | None:
-    """Read VisiTag's sites of the whole study; None where there are none."""
+def read_ablation(study: Study) -> tuple[Points, dict[str, str]] | None:
+    """Read VisiTag's sites of the study, and what became of their columns; None where there are none."""
     name = study.archive.find(f"{study.folder}/VisiTagExport", "Sites.txt")
-    return None if name is None else read_sites(study.archive.where(name), study.archive.read(name))
+    if name is None:
+        return None
+    where, data = study.archive.where(name), study.archive.read(name)
+    return read_sites(where, data), columns_of_sites(where, data)
 
 
 def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:

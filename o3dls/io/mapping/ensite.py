@@ -197,22 +197,25 @@ def utilised(where: str, marks: Array, place: Callable[[int], str]) -> NDArray[n
     return np.asarray(marks == 1)
 
 
-def _map_values(export: Export) -> dict[str, NDArray[Any]]:
-    """Return the map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...`
-    lat.
+def map_column(export: Export) -> tuple[str, str] | None:
+    """Return the heading of the map's own value, and its name by what the map is: `PP_bi` is bipolar,
+    `PP_uni` unipolar, `LAT_...` lat; None where there is none.
     """
     kind = export.preamble.get("Map type", "")
     first, _, source = kind.partition("_")
     column = next((name for name in VALUES.get(first, (first,)) if name in export.header), None)
     if column is None:
+        return None
+    voltage = {"bi": "bipolar", "uni": "unipolar"}.get(source, kind) if first == "PP" else kind
+    return column, "lat" if first == "LAT" else voltage
+
+
+def _map_values(export: Export) -> dict[str, NDArray[Any]]:
+    """Return the map's own value by its name, NaN where the export says that it is not valid."""
+    found = map_column(export)
+    if found is None:
         return {}
-    name = (
-        "lat"
-        if first == "LAT"
-        else {"bi": "bipolar", "uni": "unipolar"}.get(source, kind)
-        if first == "PP"
-        else kind
-    )
+    column, name = found
     values = export.numbers(column)
     valid = f"{column} valid"
     return {name: np.where(export.numbers(valid) == 1, values, np.nan) if valid in export.header else values}

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ PLACES = ("roving x", "roving y", "roving z")
 FIRST = re.compile(r'^\s*"?pt number"?\s*:', re.MULTILINE)
 COUNT = re.compile(r"Total number of data points[^:]*:[\s,;]*(\d+)")
 PART = re.compile(r'This is file (\d+) of (\d+) for map[\s,;:]*"?(.*?)["\s,;]*$', re.MULTILINE)
+END = re.compile(r"\s*(Seg data len|EOF)|[\s,;]*$")
 MILLISECONDS = 1000.0  # times are in seconds
 
 
@@ -85,7 +87,7 @@ def _read_rows(path: Path, text: str) -> dict[str, Array]:
     rows: dict[str, Array] = {}
     count = -1
     for at, line in enumerate(lines[start:], start + 1):
-        if re.match(r"\s*(Seg data len|EOF)|[\s,;]*$", line):
+        if END.match(line):
             break
         comma = max(",;\t", key=line.count)
         name, *cells = (cell.strip() for cell in cells_of(line, comma, f"{path}: line {at}"))
@@ -105,6 +107,14 @@ def _read_rows(path: Path, text: str) -> dict[str, Array]:
     if (stated := COUNT.search(text)) and int(stated[1]) != count:
         raise InputError(f"{path}: states {stated[1]} points and holds {count}; export it again")
     return rows
+
+
+def row_names(path: Path, data: bytes) -> list[str]:
+    """Return the names of the rows between the head and the electrograms."""
+    lines = decode(data, path).splitlines()
+    start = next((k for k, line in enumerate(lines) if FIRST.match(line)), len(lines))
+    rows = list(takewhile(lambda line: not END.match(line), lines[start:]))
+    return [re.split(r"[,;\t]", row)[0].strip(' "').rstrip(":").strip() for row in rows]
 
 
 def _row_numbers(cells: Sequence[str], where: str, comma: str) -> Array:

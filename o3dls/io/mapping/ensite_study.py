@@ -17,6 +17,7 @@ from . import ensite, ensite_rows
 from .archive import Archive
 from .belonging import Anatomy, take_sites
 from .imported import Imported
+from .vendor_columns import columns_of_ensite
 
 MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 SIGN = b"roving x"
@@ -78,6 +79,8 @@ def read_ensite(archive: Archive, files: list[str], map_name: str | None) -> Imp
     )
     taken = [file for one in chosen for file in one.files]
     found.took.append(f"{len(points)} utilised points of {', '.join(taken)} (roving electrode, mm)")
+    for file in taken:
+        found.columns |= columns_of_ensite(archive.where(file), archive.read(file))
     found.left += [file for one in exports if one not in chosen for file in one.files]
     found.left += [f"{file}: {error}" for file, error in faults.items()]
     _take_shell(archive, found, {str(PurePosixPath(file).parent) for file in taken})

@@ -19,7 +19,8 @@ from ..meshes.surface_file import SurfaceFile
 class Imported:
     """This is one imported map of a study, with sentences on what was taken and left, and notes on the files.
 
-    Points with landmarks in the map frame, and the system's own shell.
+    Points with landmarks in the map frame, and the system's own shell; `columns` says of each column of the
+    vendor's tables of points what became of it.
     """
 
     points: Points
@@ -33,6 +34,7 @@ class Imported:
     took: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    columns: dict[str, str] = field(default_factory=dict)
 
     @contextmanager
     def optional(self, part: str) -> Iterator[None]:

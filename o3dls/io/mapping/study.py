@@ -17,6 +17,7 @@ from .archive import Archive
 from .belonging import take_sites
 from .imported import Imported
 from .tags import sorted_by_tags
+from .vendor_columns import columns_of_car, columns_of_openep
 
 TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 VOLUME_TOLERANCE = 2e-4
@@ -64,6 +65,7 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     measured, left = carto_study.read_map_points(study, wanted)
     found = Imported(measured, {}, vendor="CARTO 3", name=wanted.name)
     found.left += left
+    found.columns |= {} if left else columns_of_car()
     for file in wanted.files[:1]:
         with found.optional(f"shell {file}"):
             found.shell = shell = carto_study.read_shell(study, file)
@@ -83,10 +85,12 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     _say_lines(found, said)
     found.took += [f"landmark {name}" for name in found.landmarks]
     with found.optional("ablation sites of VisiTag"):
-        if (sites := carto_study.read_ablation(study)) is not None:
+        if (read := carto_study.read_ablation(study)) is not None:
+            sites, columns = read
             others = [carto_study.read_anatomy(study, other) for other in study.maps if other is not wanted]
             count = take_sites(found, sites, "VisiTag", others)
             found.took.append(f"{count} ablation sites of VisiTag")
+            found.columns |= columns
     for name, matrix in study.shells:
         with found.optional(f"imported shell {name}"):
             found.shells[name] = carto_study.read_shell(study, name)
@@ -141,4 +145,5 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
     found.took += [f"landmark {name}" for name in found.landmarks]
     _say_lines(found, said)
     found.left += openep.unread(where, data)
+    found.columns = columns_of_openep(where, data, points.columns)
     return found

@@ -64,8 +64,8 @@ def import_study(
     force : bool, default False
         replace an earlier import in the same folder.
     **choice
-        of the prior: `cap`, `label`, `part`, `box`, `layer`, `fill_slices`, `form`, and `frame` where it does
-        not state it.
+        of the prior: `cap`, `label`, `part`, `box`, `layer`, `fill_slices`, `form`, `sidecar`, and `frame`
+        where it does not state it.
 
     Returns
     -------

@@ -14,6 +14,7 @@ import numpy as np
 from ...arrays import Array
 from ...evaluation.electrical import ELECTRICAL
 from ...evaluation.regions import REGIONS, word
+from ...geometry.cut_wall import CUT
 from ...geometry.surface import Surface
 from ..subject import Subject
 from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
@@ -72,9 +73,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     there = dict.fromkeys(
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
     )
-    named = {field.key for field in [*words, region]} | {
-        "prior_only"
-    }  # this field is hatched, whatever the colours
+    named = {field.key for field in [*words, region]} | {"prior_only", CUT}  # hatched, whatever the colours
     others = [_other_field(key) for key in there if key not in named]
     return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
 

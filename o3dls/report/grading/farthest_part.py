@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Array, Ints, Mask
 from ...evaluation.interpolation import REACH
+from ...geometry.cut_wall import on_cut
 from ...geometry.surface import Surface
 
 
@@ -31,6 +32,7 @@ def farthest_part(surface: Surface, unit: str) -> FarthestPart | None:
     gap = surface.fields.get(f"distance_to_nearest_point_{unit}")
     if gap is None or surface.dimension == 2:
         return None
+    gap = np.where(on_cut(surface), 0.0, gap)  # nobody expects a point there
     most = int(np.argmax(gap))
     area = surface.vertex_areas
     share = float(area[_connect_vertices(surface.faces, gap > REACH, most)].sum() / area.sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...evaluation.interpolation import REACH
+from ...geometry.cut_wall import on_cut
 from ..expected import absent_share
 from ..markup import signed
 from ..shape_words import words_of
@@ -43,10 +44,17 @@ def prior_only(subject: Subject) -> Check:
     said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
     if before is not None and before > share:
         said += f"; {before:.0%} before wall was removed"
+    if cut := _share_cut(subject):
+        said += f"; {cut:.1%} is the cap where the border of the image cut the chamber off, and no wall"
     if missing := absent_share(subject.last.estimate.surface):
         said += f"; {missing:.1%} of the surface may not exist"
     half = max(share, before or 0.0) > HALF
     return Check(name, "amber" if half else "good", said, f"{share:.0%}")
+
+
+def _share_cut(subject: Subject) -> float:
+    surface = subject.last.estimate.surface
+    return float(surface.vertex_areas @ on_cut(surface) / surface.area)
 
 
 def _unmapped_before_removal(subject: Subject) -> float | None:
