@@ -46,8 +46,9 @@ log = logging.getLogger("o3dls")
 class Pipeline:
     """A pipeline has stages in order, writers of what the run shall leave behind, and the number of folds.
 
-    The folds are of the cross-validation (0: none). `case` and `out` are folders, and only needed where `run`
-    and `write` are not told. Raises PipelineError with every mistake.
+    The folds are of the cross-validation (0: none). A run ends with an earlier estimate where left-out points
+    clearly prefer it, unless `keep_last`. `case` and `out` are folders, and only needed where `run` and
+    `write` are not told. Raises PipelineError with every mistake.
     """
 
     stages: Sequence[Stage]
@@ -55,6 +56,7 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
+    keep_last: bool = field(default=False, kw_only=True)
     # digest of the case whose start `allowed_by` has already found to be sound
     sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
@@ -66,7 +68,7 @@ class Pipeline:
         for name in ("case", "out"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, Path(getattr(self, name)))
-        if found := mistakes(self.stages, self.writes, self.names, self.folds):
+        if found := mistakes(self.stages, self.writes, self.names, self.folds, self.keep_last):
             raise PipelineError(*found)
 
     @property
@@ -119,7 +121,8 @@ class Pipeline:
         if pool:
             pool.shutdown(wait=False)  # not waited for: a process takes its time to end
         corrected = estimates[self.names[-1]].corrected(case)
-        final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
+        chain = self.chain(self.names[-1])[:-1]
+        final, warnings = ending(chain, left_out, corrected, keep_last=self.keep_last)
         for warning in warnings:
             log.warning("%s", warning.sentence)
         estimates = {name: replace(e, warnings=(*e.warnings, *warnings)) for name, e in estimates.items()}
@@ -187,6 +190,7 @@ class Pipeline:
         """
         return {
             "folds": self.folds,
+            "keep_last": self.keep_last,
             "stage": [stage.record() for stage in self.stages],
             "write": [writer.record() for writer in self.writes],
         }
