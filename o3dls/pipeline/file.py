@@ -13,7 +13,7 @@ from ..io.atomic import check_free
 from ..io.case_reader import read_case
 from ..io.documents import LARGEST_TOML, parse_toml, parse_value
 from ..io.text import decode, read_bytes
-from ..plugins.plugin import Plugin, load
+from ..plugins.plugin import GROUPS, Plugin, load
 from ..resources import pipeline_file
 from .mistakes import order_mistakes
 from .pipeline import Pipeline
@@ -174,9 +174,10 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
     if mistakes:
         steps = [_step_of_table(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
         raise PipelineError(*mistakes, *order_mistakes(steps))
-    others = {key: value for key, value in tables.items() if key not in ("stage", "write")}
-    places = {key: folder / others[key] for key in FOLDERS if key in others}
-    return Pipeline(stages, writes, **{**others, **places})
+    others = {key: value for key, value in tables.items() if key not in GROUPS}
+    return Pipeline(
+        stages, writes, **{key: folder / of if key in FOLDERS else of for key, of in others.items()}
+    )
 
 
 def overridden(tables: Tables, settings: Iterable[str]) -> Tables:

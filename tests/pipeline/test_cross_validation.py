@@ -272,23 +272,3 @@ def test_the_last_estimate_is_kept_where_the_pipeline_says_so_and_warned_of_all_
     assert again.final == "away"
     assert again.provenance.pipeline["keep_last"] is True
     assert outcome_of(tmp_path / "run").faults == run.faults != []
-
-
-def test_the_last_estimate_is_kept_where_the_pipeline_says_so_and_its_record_tells(tmp_path: Path) -> None:
-    run = Pipeline([Nudge(), Away()], folds=4, keep_last=True).run(ball_case())
-    assert run.final == "away"
-    (said,) = [one.sentence for one in run.estimates["away"].warnings if one.code == "stage-kept"]
-    assert "away is farther from points that were left out than nudge" in said
-    again = read_run(run.write(tmp_path / "run"))
-    assert again.final == "away"
-    assert again.provenance.pipeline["keep_last"] is True
-    assert outcome_of(tmp_path / "run").faults == run.faults_of("away") != []
-
-
-def test_keep_last_is_the_same_in_a_file_and_in_python_and_must_be_true_or_false() -> None:
-    assert pipeline_from({"keep_last": True}) == Pipeline([], keep_last=True) != Pipeline([])
-    assert pipeline_from(Pipeline([], keep_last=True).record()).keep_last
-    with pytest.raises(PipelineError, match=r"^keep_last = 'yes': must be true or false$"):
-        pipeline_from({"keep_last": "yes"})
-    with pytest.raises(PipelineError, match=r"^keep_last = 1: must be true or false$"):
-        Pipeline([], keep_last=1)  # type: ignore[arg-type]

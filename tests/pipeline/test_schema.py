@@ -21,7 +21,6 @@ WRONG = {
     "one fold": "folds = 1",
     "a number for a yes": "keep_last = 1",
     "folds as a text": 'folds = "5"',
-    "a number for a yes": "keep_last = 1",
     "an unknown stage": '[[stage]]\nuse = "icpp"',
     "a stage without a name": "[[stage]]\nkeep = 0.9",
     "an unknown parameter": '[[stage]]\nuse = "icp"\nkeeep = 0.9',
@@ -43,7 +42,6 @@ RIGHT = {
     "a whole number for a number": '[[stage]]\nuse = "level_set"\nspacing = 2',
     "a part": '[[stage]]\nuse = "phases"\npose_sd = 1.0\n[stage.deform]\nodds = 2.0',
     "no folds": "folds = 0",
-    "the last estimate": "keep_last = true",
     "the last estimate kept": "keep_last = true",
 }
 
