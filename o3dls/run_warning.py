@@ -13,6 +13,7 @@ CODES: Mapping[str, str] = {
     "points-on-a-ball": "the points lie on a ball rather than on the prior",
     "points-beside-the-wall": "nearly all points lie on one side of the prior where the landmarks put it",
     "large-noise": "the points scatter more about the wall than mapping does",
+    "landmark-not-used": "one landmark contradicts all others, which agree, and is not used",
     "landmark-names-doubtful": "names of landmarks may mean either of two places, and are not used",
     "values-missing": "a column of the points holds numbers that stand for none, as -10000 does",
     # poses
@@ -48,6 +49,7 @@ CODES: Mapping[str, str] = {
     "parts-lost": "parts of the moved prior are missing in the mesh",
     # the end of a run
     "stage-rejected": "the last estimate is farther from left-out points than an earlier one, which is final",
+    "stage-kept": "the last estimate is farther from left-out points than an earlier one, and kept as asked",
     # a stage of another package
     "other": "a stage outside of o3dls gives this warning; its sentence says what it means",
 }
@@ -64,6 +66,7 @@ GRADES: Mapping[str, Grade] = {
     "large-noise": "amber",
     "uncertain-pose": "amber",
     "crumpled-prior": "amber",
+    "landmark-not-used": "amber",
     "landmark-swapped-place": "amber",
     "sigma-range": "amber",
     "many-outliers": "bad",
@@ -76,6 +79,7 @@ GRADES: Mapping[str, Grade] = {
     "outdated-amplitudes": "amber",
     "mesh-differs": "amber",
     "stage-rejected": "amber",
+    "stage-kept": "amber",
     "other": "amber",
 }
 

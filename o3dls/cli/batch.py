@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,11 @@ from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say,
 
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
+    from ..report.cohort.entries import Entry
 
 Callback = Callable[[click.Context, click.Parameter, str | None], object]
 SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
+NO_PLACES: Mapping[str, Path | None] = {"table": None, "page": None}  # of a part of a study
 BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
@@ -131,11 +133,8 @@ def batch(
     if len(outcomes) < len(study):
         return INTERRUPTED
     if shard:
-        return _report_outcomes(outcomes, None, None, as_json=as_json)
-    from ..pipeline.outcome import COHORT
-    from ..report.writer import write_cohort
-
-    return _report_outcomes(outcomes, out / COHORT, write_cohort(outcomes, out), as_json=as_json)
+        return _report_outcomes(outcomes, as_json=as_json)
+    return _report_cohort(outcomes, out, as_json=as_json)
 
 
 def _run_study(
@@ -211,8 +210,7 @@ def cohort(runs: Path, as_json: bool) -> int:
     For the parts of a study that were run apart (`o3dls batch --shard`): table and page are as if it had been
     run at once. A table and a page that are there are replaced.
     """
-    from ..pipeline.outcome import COHORT, check_table, gathered, write_table
-    from ..report.writer import write_cohort
+    from ..pipeline.outcome import check_table, gathered, write_table
 
     outcomes = gathered(runs)
     check_table(runs, None)
@@ -220,21 +218,43 @@ def cohort(runs: Path, as_json: bool) -> int:
     if as_json:
         for done, outcome in enumerate(outcomes, 1):
             _say_outcome(outcome, done, len(outcomes))
-    return _report_outcomes(outcomes, runs / COHORT, write_cohort(outcomes, runs), as_json=as_json)
+    return _report_cohort(outcomes, runs, as_json=as_json)
+
+
+def _report_cohort(outcomes: Sequence[Outcome], out: Path, *, as_json: bool) -> int:
+    """Write the page of a cohort, and print what became of its cases with their grades."""
+    from ..pipeline.outcome import COHORT
+    from ..report.writer import cohort_entries, write_cohort
+
+    entries = cohort_entries(outcomes, out)
+    places = {"table": out / COHORT, "page": write_cohort(outcomes, out, entries)}
+    return _report_outcomes(outcomes, places, entries, as_json=as_json)
 
 
 def _report_outcomes(
-    outcomes: Sequence[Outcome], table: Path | None, page: Path | None, *, as_json: bool
+    outcomes: Sequence[Outcome],
+    places: Mapping[str, Path | None] = NO_PLACES,
+    entries: Sequence[Entry] = (),
+    *,
+    as_json: bool,
 ) -> int:
-    """Print what became of the cases, and where it stands; return the exit code."""
+    """Print what became of the cases, how their results are graded, and where all stands; return the exit
+    code.
+    """
+    from .summary import record_grades, say_grades
+
     if as_json:
         failed = sum(one.error is not None for one in outcomes)
         skipped = sum(one.skipped for one in outcomes)
-        places = {"table": table and str(table), "page": page and str(page)}
-        say_json({"cases": len(outcomes), "failed": failed, "skipped": skipped} | places, line=True)
+        counts = {"cases": len(outcomes), "failed": failed, "skipped": skipped}
+        found = {key: path and str(path) for key, path in places.items()}
+        say_json(counts | found | record_grades(entries), line=True)
     else:
-        for said in (*outcomes, *filter(None, (table, page))):
-            say(said)
+        for one in outcomes:
+            say(one)
+        say_grades(entries)
+        for path in filter(None, places.values()):
+            say(path)
     if any(outcome.error for outcome in outcomes):
         return WRONG_INPUT
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE

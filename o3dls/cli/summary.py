@@ -5,17 +5,20 @@ where to look.
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..report.checks import checks
+from ..report.cohort.grades import count_grades, describe_grades, raised
 from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
-from .words import say_wrapped
+from .words import say, say_wrapped
 
 if TYPE_CHECKING:
+    from ..report.cohort.entries import Entry
     from ..runs.run import Run
 
 COLOURS = {WORDS["bad"]: "red", WORDS["amber"]: "yellow", WORDS["good"]: "green"}
@@ -91,3 +94,18 @@ def summary(folder: Path, run: Run | None = None) -> Summary:
     grade: Grade = reasons[0].grade if reasons else "good"
     page = folder / REPORT
     return Summary(folder, subject.last.key, grade, tuple(reasons), without, page if page.is_file() else None)
+
+
+def record_grades(entries: Sequence[Entry]) -> dict[str, Any]:
+    """Return how many runs have each grade, and the gravest check of each that asks for a look."""
+    named = [{"run": one.name, "grade": WORDS[one.grade], "check": one.doubts[0]} for one in raised(entries)]
+    return {"grades": {WORDS[grade]: n for grade, n in count_grades(entries).items()}, "look_at": named}
+
+
+def say_grades(entries: Sequence[Entry]) -> None:
+    """Print how many runs have each grade, and name each that asks for a look with its gravest check."""
+    if entries:
+        say(f"Grades: {describe_grades(entries)}")
+    for one in raised(entries):
+        word = WORDS[one.grade]
+        say_wrapped(f"  {word}  {one.name}: {one.doubts[0]}", colour=COLOURS.get(word))

@@ -130,9 +130,11 @@ def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, LeftOu
         return _measure_gaps(fit, case, away), lines
 
 
-def ending(chain: Sequence[str], left_out: Mapping[str, LeftOut], case: Case) -> tuple[str, list[RunWarning]]:
-    """Return the name of the estimate that a run ends with; and, where it is not the last, a warning that
-    says why.
+def ending(
+    chain: Sequence[str], left_out: Mapping[str, LeftOut], case: Case, *, keep_last: bool = False
+) -> tuple[str, list[RunWarning]]:
+    """Return the name of the estimate that a run ends with; and, where the last is rejected, or kept because
+    `keep_last` says so, a warning that says why.
 
     chain: the last estimate and those that it started from, last first; left_out: by estimate, how the eam
     points of the case lie to what was fitted without them. The last is rejected where another is
@@ -146,13 +148,17 @@ def ending(chain: Sequence[str], left_out: Mapping[str, LeftOut], case: Case) ->
     farther = paired_difference(known[best], known[last], case.points.of("eam").xyz)
     if not farther.low > 0.0:
         return last, []
-    return best, [RunWarning("stage-rejected", _explain_rejection(last, best, farther, case.units), last)]
+    said = _describe_harm(last, best, farther, case.units)
+    if keep_last:
+        why = f"{said}: it is the result all the same, as keep_last says"
+        return last, [RunWarning("stage-kept", why, last)]
+    return best, [RunWarning("stage-rejected", f"{said}: the result is {best}", last)]
 
 
-def _explain_rejection(last: str, best: str, farther: Difference, unit: str) -> str:
+def _describe_harm(last: str, best: str, farther: Difference, unit: str) -> str:
     return (
         f"{last} is farther from points that were left out than {best} ({farther.second:.2f} against "
-        f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f}): the result is {best}"
+        f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f})"
     )
 
 

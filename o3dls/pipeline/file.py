@@ -13,15 +13,16 @@ from ..io.atomic import check_free
 from ..io.case_reader import read_case
 from ..io.documents import LARGEST_TOML, parse_toml, parse_value
 from ..io.text import decode, read_bytes
-from ..plugins.plugin import Plugin, load
+from ..plugins.plugin import GROUPS, Plugin, load
 from ..resources import pipeline_file
 from .mistakes import order_mistakes
 from .pipeline import Pipeline
 from .start import say_unpaired
 
-TOP = {"case": str, "out": str, "folds": int, "stage": list, "write": list}
+TOP = {"case": str, "out": str, "folds": int, "keep_last": bool, "stage": list, "write": list}
 FOLDERS = ("case", "out")
-KINDS = {str: "a text", int: "a whole number", list: "a list of tables: [[stage]], [[write]]"}
+LISTS = "a list of tables: [[stage]], [[write]]"
+KINDS = {str: "a text", int: "a whole number", bool: "true or false", list: LISTS}
 
 Tables = dict[str, Any]
 
@@ -171,14 +172,12 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
         raise PipelineError(*mistakes)
     stages, writes = (_make_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
     if mistakes:
-        raise PipelineError(
-            *mistakes,
-            *order_mistakes(
-                [_step_of_table(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
-            ),
-        )
-    places = {key: folder / tables[key] for key in FOLDERS if key in tables}
-    return Pipeline(stages, writes, folds=tables.get("folds", Pipeline.folds), **places)
+        steps = [_step_of_table(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
+        raise PipelineError(*mistakes, *order_mistakes(steps))
+    others = {key: value for key, value in tables.items() if key not in GROUPS}
+    return Pipeline(
+        stages, writes, **{key: folder / of if key in FOLDERS else of for key, of in others.items()}
+    )
 
 
 def overridden(tables: Tables, settings: Iterable[str]) -> Tables:

@@ -12,7 +12,7 @@ MOST_FOLDS = 50
 
 
 def mistakes(
-    stages: Sequence[Stage], writes: Sequence[Writer], names: Sequence[str], folds: int
+    stages: Sequence[Stage], writes: Sequence[Writer], names: Sequence[str], folds: int, keep_last: object
 ) -> list[str]:
     """Return what is wrong with a whole pipeline, one sentence each; its parts have checked themselves.
 
@@ -23,6 +23,8 @@ def mistakes(
         found.append(
             f"folds = {folds!r}: must be 0 (no cross-validation) or a whole number within [2, {MOST_FOLDS}]"
         )
+    if type(keep_last) is not bool:
+        found.append(f"keep_last = {keep_last!r}: must be true or false")
     found += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in stages])
     for writer in writes:
         found += [

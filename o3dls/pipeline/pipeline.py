@@ -25,6 +25,7 @@ from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
+from ..stages.trusted_landmarks import contradiction_of_landmarks
 from .cross_validation import Folds, ending, too_many
 from .doubts import doubtful_points
 from .mistakes import mistakes
@@ -46,8 +47,9 @@ log = logging.getLogger("o3dls")
 class Pipeline:
     """A pipeline has stages in order, writers of what the run shall leave behind, and the number of folds.
 
-    The folds are of the cross-validation (0: none). `case` and `out` are folders, and only needed where `run`
-    and `write` are not told. Raises PipelineError with every mistake.
+    The folds are of the cross-validation (0: none). A run ends with an earlier estimate where left-out points
+    clearly prefer it, unless `keep_last`. `case` and `out` are folders, and only needed where `run` and
+    `write` are not told. Raises PipelineError with every mistake.
     """
 
     stages: Sequence[Stage]
@@ -55,6 +57,7 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
+    keep_last: bool = field(default=False, kw_only=True)
     # digest of the case whose start `allowed_by` has already found to be sound
     sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
@@ -66,7 +69,7 @@ class Pipeline:
         for name in ("case", "out"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, Path(getattr(self, name)))
-        if found := mistakes(self.stages, self.writes, self.names, self.folds):
+        if found := mistakes(self.stages, self.writes, self.names, self.folds, self.keep_last):
             raise PipelineError(*found)
 
     @property
@@ -121,7 +124,8 @@ class Pipeline:
         if pool:
             pool.shutdown(wait=False)  # not waited for: a process takes its time to end
         corrected = estimates[self.names[-1]].corrected(case)
-        final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
+        chain = self.chain(self.names[-1])[:-1]
+        final, warnings = ending(chain, left_out, corrected, keep_last=self.keep_last)
         for warning in warnings:
             log.warning("%s", warning.sentence)
         estimates = _warned(estimates, warnings)
@@ -176,6 +180,7 @@ class Pipeline:
         found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
+        found += contradiction_of_landmarks(case)
         found += doubtful_points(case, estimates[START], final)
         found += [RunWarning("values-missing", f"points: {note}") for note in case.points.notes]
         found += [RunWarning("landmark-names-doubtful", said) for said in case.landmark_doubts()]
@@ -189,6 +194,7 @@ class Pipeline:
         """
         return {
             "folds": self.folds,
+            "keep_last": self.keep_last,
             "stage": [stage.record() for stage in self.stages],
             "write": [writer.record() for writer in self.writes],
         }

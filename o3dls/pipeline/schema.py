@@ -17,6 +17,11 @@ MEANINGS = {
     "stage": "stages in their order",
     "write": "writers of what the run leaves behind",
 }
+KEEP_LAST = {
+    "description": "end with the last estimate also where left-out points clearly prefer an earlier one",
+    "type": "boolean",
+    "default": Pipeline.keep_last,
+}
 
 Schema = dict[str, Any]
 
@@ -35,7 +40,7 @@ def schema() -> Schema:
         "title": "o3dls pipeline",
         "type": "object",
         "additionalProperties": False,
-        "properties": {**properties, "folds": _folds_schema()},
+        "properties": {**properties, "folds": _folds_schema(), "keep_last": KEEP_LAST},
     }
 
 

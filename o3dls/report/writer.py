@@ -14,6 +14,7 @@ from ..runs.writers import Writer
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
     from ..runs.run import Run
+    from .cohort.entries import Entry
     from .subject import Subject
 
 REPORT, FIGURES = "report.html", "figures"
@@ -104,31 +105,43 @@ def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> 
 
     Raises InputError where a folder is no run or named twice, or `out` is no name for a page.
     """
-    return _write_cohort(folders, {}, out)
+    from .cohort.entries import read_entries
+
+    path = _check_page_path(out)
+    return _write_cohort(read_entries([Path(folder) for folder in folders]), {}, path)
 
 
-def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
+def write_cohort(
+    outcomes: Sequence[Outcome], out: str | Path, entries: Sequence[Entry] | None = None
+) -> Path:
     """Write cohort.html into the folder of a batch: its runs compared, and the cases that failed with the
-    reasons.
+    reasons. entries: what `cohort_entries` gives, where it is at hand.
     """
     from ..pipeline.outcome import PAGE
 
-    ordered = sorted(outcomes, key=lambda one: one.case)  # the page has the order of the table
-    folders = [Path(out) / one.case for one in ordered if not one.error]
-    failed = {one.case: one.error for one in ordered if one.error}
-    return _write_cohort(folders, failed, Path(out) / PAGE, within=Path(out))
+    found = cohort_entries(outcomes, out) if entries is None else entries
+    failed = {one.case: one.error for one in _in_order_of_table(outcomes) if one.error}
+    return _write_cohort(found, failed, Path(out) / PAGE, within=Path(out))
+
+
+def cohort_entries(outcomes: Sequence[Outcome], out: str | Path) -> list[Entry]:
+    """Read the runs of a batch, as its page and its last lines need them, in the order of the table."""
+    from .cohort.entries import read_entries
+
+    return read_entries([Path(out) / one.case for one in _in_order_of_table(outcomes) if not one.error])
+
+
+def _in_order_of_table(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    return sorted(outcomes, key=lambda one: one.case)
 
 
 def _write_cohort(
-    folders: Sequence[str | Path], failed: Mapping[str, str], out: str | Path, within: Path | None = None
+    entries: Sequence[Entry], failed: Mapping[str, str], path: Path, within: Path | None = None
 ) -> Path:
     from ..io.atomic import write_file
-    from .cohort.entries import read_entries
     from .cohort.page import cohort_page
 
-    path = _check_page_path(out)
-    page = cohort_page(read_entries([Path(folder) for folder in folders]), path, failed)
-    write_file(path, page, within=within)
+    write_file(path, cohort_page(entries, path, failed), within=within)
     return path
 
 

@@ -169,6 +169,8 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
     done = o3dls("batch", case, "small", "broken", "--pipeline", pipeline, "--out", "runs", cwd=tmp_path)
     assert done.returncode == 2
     assert "ball: done\nsmall: done\nbroken: broken: no prior surface" in done.stdout
+    grades = next(line for line in done.stdout.splitlines() if line.startswith("Grades: "))
+    assert sum(int(word) for word in grades.split() if word.isdigit()) == 2
     rows = (tmp_path / "runs/cohort.csv").read_text().splitlines()
     assert rows[0].startswith("case,error,faults,warnings,estimate,set,n,mean_mm")
     assert {row.split(",")[0] for row in rows[1:]} == {"ball", "small", "broken"}

@@ -66,6 +66,8 @@ def test_a_batch_says_how_far_it_is_and_gives_a_line_of_json_for_each_case(folde
         (2, "none", False),
     ]
     assert (found["cases"], found["failed"], found["skipped"]) == (2, 1, 0)
+    assert sum(found["grades"].values()) == 1  # the case that failed has no run to grade
+    assert {one["run"] for one in found["look_at"]} <= {"ball"}
     assert (found["table"], found["page"]) == (str(Path("runs/cohort.csv")), str(Path("runs/cohort.html")))
     assert "2 of 2: " in done.stderr
     assert "ball: done" in done.stderr

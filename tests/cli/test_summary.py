@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from o3dls.cli import summary as module
-from o3dls.cli.summary import summary
+from o3dls.cli.summary import record_grades, say_grades, summary
 from o3dls.report.checks import checks
+from o3dls.report.cohort.entries import read_entries
 from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.subject import read_subject
 from tests.finished import finished, finished_2d
@@ -54,3 +56,22 @@ def test_it_has_at_most_five_lines_and_names_every_reason(
 
 def test_outlines_have_one_too(tmp_path: Path) -> None:
     assert summary(finished_2d(tmp_path / "run")).final == "level_set"
+
+
+def test_a_batch_ends_with_its_grades_and_names_each_case_that_is_not_ok(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (doubtful,) = read_entries([run])
+    fine = [replace(doubtful, name=f"fine_{k}", grade="good", doubts=()) for k in range(2)]
+    bad = replace(doubtful, name="torn", grade="bad", doubts=("Valid mesh: 1 fault", "Warnings: 2 warnings"))
+    say_grades([*fine, doubtful, bad])
+    assert capsys.readouterr().out.splitlines() == [
+        "Grades: 1 FAIL, 1 CHECK, 2 OK",
+        "  FAIL  torn: Valid mesh: 1 fault",
+        f"  CHECK  {doubtful.name}: {doubtful.doubts[0]}",
+    ]
+    found = record_grades([*fine, doubtful, bad])
+    assert found["grades"] == {"FAIL": 1, "CHECK": 1, "OK": 2}
+    assert [one["run"] for one in found["look_at"]] == ["torn", doubtful.name]
+    say_grades([])
+    assert not capsys.readouterr().out

@@ -238,16 +238,17 @@ def test_a_run_ends_with_an_earlier_estimate_where_left_out_points_clearly_prefe
     assert ending(["wall", "motion"], {}, case) == ("wall", [])  # without folds nothing is rejected
 
 
+class Away(Nudge):
+    """Moves what is right far off, and turns it inside out."""
+
+    name: ClassVar[str] = "away"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        surface = start.surface.with_vertices(start.surface.vertices + 6.0)
+        return replace(start, surface=replace(surface, faces=surface.faces[:, ::-1]))
+
+
 def test_the_final_estimate_is_written_read_back_and_warned_of(tmp_path: Path) -> None:
-    class Away(Nudge):
-        """Moves what is right far off, and turns it inside out."""
-
-        name: ClassVar[str] = "away"
-
-        def __call__(self, case: Case, start: Estimate) -> Estimate:
-            surface = start.surface.with_vertices(start.surface.vertices + 6.0)
-            return replace(start, surface=replace(surface, faces=surface.faces[:, ::-1]))
-
     run = Pipeline([Nudge(), Away()], folds=4).run(ball_case())
     assert run.final == "nudge"
     assert "stage-rejected" in {warning.code for warning in run.estimates[run.final].warnings}
@@ -256,3 +257,18 @@ def test_the_final_estimate_is_written_read_back_and_warned_of(tmp_path: Path) -
     assert read_subject([tmp_path / "run"]).last.key == "nudge"
     assert run.faults_of("away")
     assert outcome_of(tmp_path / "run").faults == run.faults == []  # of what it ends with
+
+
+def test_the_last_estimate_is_kept_where_the_pipeline_says_so_and_warned_of_all_the_same(
+    tmp_path: Path,
+) -> None:
+    pipeline = Pipeline([Nudge(), Away()], folds=4, keep_last=True)
+    run = pipeline.run(ball_case())
+    assert run.final == "away"
+    codes = {warning.code for warning in run.estimates["away"].warnings}
+    assert "stage-kept" in codes
+    assert "stage-rejected" not in codes
+    again = read_run(run.write(tmp_path / "run"))
+    assert again.final == "away"
+    assert again.provenance.pipeline["keep_last"] is True
+    assert outcome_of(tmp_path / "run").faults == run.faults != []

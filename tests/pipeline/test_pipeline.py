@@ -30,6 +30,7 @@ TEXT = """
 case = "cases/ball"
 out = "runs/ball"
 folds = 4
+keep_last = true
 
 [[stage]]
 use = "nudge"
@@ -60,9 +61,11 @@ def mistakes(folder: Path, text: str, *settings: str) -> str:
 
 def test_text_and_python_give_equal_pipelines(tmp_path: Path) -> None:
     stages = [Nudge(share=0.5), Nudge(as_="rest", after="nudge", mode="median")]
-    python = Pipeline(stages, case=tmp_path / "cases/ball", out=tmp_path / "runs/ball", folds=4)
+    places = {"case": tmp_path / "cases/ball", "out": tmp_path / "runs/ball"}
+    python = Pipeline(stages, **places, folds=4, keep_last=True)
     assert read_pipeline(written(tmp_path, TEXT)) == python
     assert read_pipeline(written(tmp_path, TEXT), ["rest.mode=mean"]) != python
+    assert read_pipeline(written(tmp_path, TEXT), ["keep_last=false"]) == replace(python, keep_last=False)
 
 
 def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
@@ -114,6 +117,7 @@ def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
             'folds = 1\n[[stage]]\nuse = "nudge"',
             "folds = 1: must be 0 (no cross-validation) or a whole number within [2, 50]",
         ),
+        ('keep_last = 1\n[[stage]]\nuse = "nudge"', "keep_last = 1: must be true or false"),
         ('fold = 3\n[[stage]]\nuse = "nudge"', "fold: no such key: did you mean 'folds'?"),
         (
             '[[stage]]\nuse = "nudge"\n[[write]]\nuse = "reprot"',

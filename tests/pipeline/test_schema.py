@@ -19,6 +19,7 @@ from o3dls.plugins.plugin import GROUPS, load, registered
 WRONG = {
     "an unknown key": 'cases = "a"',
     "one fold": "folds = 1",
+    "a number for a yes": "keep_last = 1",
     "folds as a text": 'folds = "5"',
     "an unknown stage": '[[stage]]\nuse = "icpp"',
     "a stage without a name": "[[stage]]\nkeep = 0.9",
@@ -41,6 +42,7 @@ RIGHT = {
     "a whole number for a number": '[[stage]]\nuse = "level_set"\nspacing = 2',
     "a part": '[[stage]]\nuse = "phases"\npose_sd = 1.0\n[stage.deform]\nodds = 2.0',
     "no folds": "folds = 0",
+    "the last estimate kept": "keep_last = true",
 }
 
 

@@ -340,7 +340,7 @@ def test_the_page_begins_with_the_grades_of_the_reports(run: Path, tmp_path: Pat
     raised = [one for one in checks(subject) if one.grade in ("bad", "amber")]
     assert raised
     assert entry.grade == raised[0].grade
-    fine = replace(entry, name="fine", case_key="other", grade="good", doubts="")
+    fine = replace(entry, name="fine", case_key="other", grade="good", doubts=())
     page = cohort_page([fine, entry], tmp_path / "cohort.html")
     head, tables = page.split("<h2>", 1)
     assert f"1 {WORDS[entry.grade]}, 1 OK" in re.sub("<[^>]+>", "", head)

@@ -42,7 +42,7 @@ class Entry:
     seconds: float
     warnings: int
     grade: Grade = "none"  # the worst of its checks
-    doubts: str = ""  # the checks that have it, in short
+    doubts: tuple[str, ...] = ()  # the checks that ask for a look, in short, the worst first
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
@@ -72,7 +72,7 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         seconds=provenance.seconds,
         warnings=len(warnings(subject)),
         grade=worst_grade(found := checks(subject)),
-        doubts="; ".join(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
+        doubts=tuple(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
     )
 
 

@@ -12,17 +12,17 @@ import numpy as np
 
 from ...errors import InputError
 from ..drawing.charts import STYLES
-from ..grading.check import WORDS, Grade
+from ..grading.check import WORDS
 from ..markup import Html, join, signed, tag
 from ..page import NOTICE, page
 from ..palette import places
 from ..subject import SETS
 from .cases import Block, outcome
 from .entries import Entry, told_apart
+from .grades import count_grades, describe_grades, raised
 from .strips import strip_plot
 from .tables import cases_table, differences_table, means_table, runs_table
 
-WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good", "even", "none")
 MOST_NAMED = 10  # runs whose doubts are not folded
 HOW = (
     "Runs with the same prior and the same points are runs of one case, which counts once, by their mean. "
@@ -74,18 +74,19 @@ def _list_grades(entries: Sequence[Entry]) -> Html | None:
     """Say how many runs have each grade, and name those that ask for a look with what is doubtful."""
     if not entries:
         return None
-    counts = Counter(one.grade for one in entries)
-    worst = next((grade for grade in WORST_FIRST if counts[grade]), "none")
-    said = ", ".join(f"{counts[grade]} {WORDS[grade]}" for grade in WORST_FIRST if counts[grade])
-    raised = sorted((one for one in entries if one.doubts), key=lambda one: WORST_FIRST.index(one.grade))
-    items = [tag("li", tag("b", f"{one.name} {WORDS[one.grade]}"), f": {one.doubts}") for one in raised]
-    title = f"{_write_count(len(raised), 'run')} to look at before they are relied on"
+    worst, found = next(iter(count_grades(entries))), raised(entries)
+    items = [
+        tag("li", tag("b", f"{one.name} {WORDS[one.grade]}"), f": {'; '.join(one.doubts)}") for one in found
+    ]
+    title = f"{_write_count(len(found), 'run')} to look at before they are relied on"
     more = (
         tag("details", tag("summary", title), tag("ul", *items), open=len(items) <= MOST_NAMED)
         if items
         else None
     )
-    return join(tag("p", tag("strong", "Grades"), f" {said}.", class_=f"overall {worst}"), more)
+    return join(
+        tag("p", tag("strong", "Grades"), f" {describe_grades(entries)}.", class_=f"overall {worst}"), more
+    )
 
 
 def _list_failures(failed: Mapping[str, str]) -> Html | None:

@@ -153,7 +153,12 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
             Cell(" → ".join(filter(None, (run.first, run.last)))),
             Cell(f"{distance:.2f}", distance),
             Cell(
-                tag("strong", WORDS[run.grade], class_=f"grade {run.grade}", title=run.doubts or None),
+                tag(
+                    "strong",
+                    WORDS[run.grade],
+                    class_=f"grade {run.grade}",
+                    title="; ".join(run.doubts) or None,
+                ),
                 RANKS[run.grade],
             ),
             Cell("yes" if run.valid else tag("strong", "no")),
