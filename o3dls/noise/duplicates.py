@@ -66,6 +66,14 @@ def distinct_places(xyz: Array, kind: NDArray[np.str_], within: float) -> tuple[
     return rows[leaders], place[of_point]
 
 
+def wall_places(xyz: Array, size: float) -> tuple[Ints, Ints]:
+    """Return what `distinct_places` does, for points (n, d) of the wall on a prior of rms radius `size`: many
+    beats of one contact count once, else they alone judge a pose.
+    """
+    kind = np.full(len(xyz), "eam")
+    return distinct_places(xyz, kind, duplicate_distance(xyz, kind, size))
+
+
 def _by_type(xyz: Array, kind: NDArray[np.str_], distance: float) -> Array:
     """Return positions (n, d + 1) in which points of different types are farther apart than a distance."""
     return np.column_stack([xyz, 2.0 * distance * np.unique(kind, return_inverse=True)[1]])

@@ -133,26 +133,61 @@ def _landmark_error(prior: Array, measured: Array) -> float:
 
 def _find_mixed_frames(case: Case, start: Estimate, points: Array) -> str:
     """Return a sentence where points are in LPS beside landmarks in RAS, or the other way round: turned, they
-    fit clearly better.
+    fit clearly better. The same for the prior and its landmarks, which must then lie nearer to it as well:
+    names of left and right that are exchanged turn the pose about as much.
     """
-    from ..registration.global_pose import robust_costs
-    from ..registration.match import SurfaceMatcher
-    from ..stages.pose_checks import clearly_better
+    from ..geometry.closest_point import ClosestPoint
 
     _, prior, measured = case.landmark_pairs()
     if not fix_a_pose(prior, measured):
         return ""
-    surface = SurfaceMatcher(case.prior)
-
-    def costs(xyz: Array) -> Array:
-        return robust_costs(surface.match(xyz, start.T_map_prior).distances, surface.radius)
-
-    if not clearly_better(costs(apply(TURN, points)), costs(points), points, surface.radius):
+    turned = _find_turned(case, start, points)
+    if turned == "points":
+        return (
+            "the points fit the prior clearly better where x and y have the other sign, and the landmarks do "
+            "not: are the ones in LPS and the others in RAS? Bring all rows of points.csv into one frame"
+        )
+    off = ClosestPoint(case.prior.vertices, case.prior.faces)
+    nearer = off.query(apply(TURN, prior))[0].mean() < off.query(prior)[0].mean()
+    if turned != "prior" or not nearer:
         return ""
     return (
-        "the points fit the prior clearly better where x and y have the other sign, and the landmarks do "
-        "not: are the ones in LPS and the others in RAS? Bring all rows of points.csv into one frame"
+        "the prior fits the points clearly better where its x and y have the other sign, and its landmarks "
+        "lie nearer to it then: is one of them in LPS and the other in RAS? Bring the prior and "
+        "prior_landmarks.csv into one frame"
     )
+
+
+def other_frame(case: Case, start: Estimate) -> str:
+    """Return a sentence where the start would be right for points, or a prior, of the other frame."""
+    if case.dimension == 2 or not (turned := _find_turned(case, start, case.points.of("eam").xyz)):
+        return ""
+    return (
+        f"the points fit the prior clearly better where x and y of the {turned} have the other sign: are the "
+        f"{turned} in RAS and the rest of the case in LPS, or the other way round? Bring all into one frame"
+    )
+
+
+def _find_turned(case: Case, start: Estimate, points: Array) -> str:
+    """Return what fits clearly better in the other frame at the start, `points` or `prior`; empty where
+    neither does. Many beats of one contact count once.
+    """
+    from ..noise.duplicates import wall_places
+    from ..registration.global_pose import robust_costs
+    from ..registration.match import SurfaceMatcher
+    from ..stages.pose_checks import clearly_better
+
+    points = points[wall_places(points, rms_radius(case.prior.vertices))[0]]
+    surface = SurfaceMatcher(case.prior)
+
+    def costs(xyz: Array, T_map_prior: Array) -> Array:
+        return robust_costs(surface.match(xyz, T_map_prior).distances, surface.radius)
+
+    T = start.T_map_prior
+    given = costs(points, T)
+    tried = {"points": costs(apply(TURN, points), T), "prior": costs(points, T @ TURN)}
+    best = min(tried, key=lambda turned: float(tried[turned].mean()))
+    return best if clearly_better(tried[best], given, points, surface.radius) else ""
 
 
 def _find_ball(points: Array, prior: Surface) -> str:

@@ -21,16 +21,14 @@ from ..registration.landmark_names import alone
 from ..registration.landmarks import errors, fix_a_pose
 from ..run_warning import RunWarning
 from ..stages.trusted_landmarks import trusted_pairs
-from .doubts import contradiction
+from .doubts import contradiction, other_frame
 
 log = logging.getLogger("o3dls")
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
 MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever outliers there are
-NEARLY_ALL = (
-    0.01,
-    0.99,
-)  # quantiles between which they must not be too narrow, however densely one place was mapped
+# quantiles between which they must not be too narrow, however densely one place was mapped
+NEARLY_ALL = (0.01, 0.99)
 UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been mistaken for it
 ATRIUM = 100.0  # mm across: points and prior are about as large once their units are right
 POINTS_IN = "if the points are in {0}, add the line '# units={0}' above the header of their file"
@@ -129,8 +127,10 @@ def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarni
     """
     if fix_a_pose(*case.landmark_pairs()[1:]) or (sound and sound == start_digest(case)):
         return []
-    better = _better_pose(case, start)
-    return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []
+    if not (better := _better_pose(case, start)):
+        return []
+    why = "; ".join(filter(None, (better, other_frame(case, start))))
+    return [RunWarning("start-pose-doubtful", f"the start may be wrong: {why}")]
 
 
 def _better_pose(case: Case, start: Estimate) -> str:
@@ -252,7 +252,7 @@ def _find_far_start(case: Case, start: Estimate, points: Array) -> str:
     if gap <= FARTHEST * size:
         return ""
     away = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"
-    remedy = (
+    remedy = other_frame(case, start) or (
         "to fix this, give 3 or more named landmarks or an init matrix, check the frame, or begin the "
         "pipeline with the stage global_pose"
     )

@@ -135,12 +135,10 @@ def fitted_places(case: Case) -> tuple[Array, Ints]:
     """Return the places (k, d) of the eam points, and which of them each point (n,) is of: many beats of one
     contact are one place and count once, else they draw the pose to where they are.
     """
-    from ..noise.duplicates import distinct_places, duplicate_distance
+    from ..noise.duplicates import wall_places
 
     points = fitted_points(case)
-    kind = np.full(len(points), "eam")
-    within = duplicate_distance(points, kind, rms_radius(case.prior.vertices))
-    rows, place = distinct_places(points, kind, within)
+    rows, place = wall_places(points, rms_radius(case.prior.vertices))
     _check_enough(case, len(points), len(rows))
     return points[rows], place
 

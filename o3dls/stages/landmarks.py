@@ -98,12 +98,16 @@ class Landmarks(Stage):
 
 
 def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
-    """Raise InputError where landmarks and points show that names are swapped or the prior is mirrored."""
+    """Raise InputError where landmarks and points show that names are swapped or the prior is mirrored; many
+    beats of one contact, which any pose may happen to bring to the wall, count once.
+    """
+    from ..noise.duplicates import wall_places
     from ..registration.global_pose import robust_costs
     from ..registration.landmarks import better_reading, explaining_scale
     from ..registration.match import SurfaceMatcher
 
     points = case.points.of("eam").xyz
+    points = points[wall_places(points, rms_radius(case.prior.vertices))[0]] if len(points) else points
     surface = SurfaceMatcher(case.prior)
 
     def costs(reading: Reading) -> Array:

@@ -16,6 +16,7 @@ from o3dls.evaluation.projection import project
 from o3dls.geometry.similarity import TURN, apply
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.pipeline.start import start_estimate
 from o3dls.stages.deform import Deform
 from o3dls.stages.icp import ICP
 from o3dls.stages.landmarks import Landmarks
@@ -34,6 +35,33 @@ def changed(case: Case, change: Callable[[Array], Array]) -> Case:
     eam = case.points.type == "eam"
     xyz[eam] = change(xyz[eam])
     return replace(case, points=Points(xyz, case.points.type, case.points.columns))
+
+
+def marked_in_the_other_frame(middle: tuple[float, float, float], degrees: float) -> Case:
+    """Landmarks of the prior in RAS beside a prior in LPS whose middle is somewhere in the scanner."""
+    by = np.array(middle)
+    case = measured(PRIOR.with_vertices(PRIOR.vertices + by), pose(degrees, 6.0), noise=1.0)
+    marks = {name: apply(TURN, at[None])[0] for name, at in case.prior_landmarks.items()}
+    return replace(case, prior_landmarks=marks)
+
+
+def started_in_the_other_frame(case: Case, turned: str, degrees: float) -> Case:
+    """An init matrix that was right before the points, or the prior, were read in the other frame."""
+    case = replace(case, init=pose(degrees, 6.0), prior_landmarks={})
+    if turned == "prior":
+        return replace(case, prior=case.prior.transformed(TURN))
+    return changed(case, lambda xyz: apply(TURN, xyz))
+
+
+def beats_at(case: Case, place: Array) -> Case:
+    """The case and 2000 beats of one contact."""
+    rng = np.random.default_rng(SEED)
+    points = Points(
+        np.vstack([case.points.xyz, place + rng.normal(0.0, 0.4, (2000, 3))]),
+        np.append(case.points.type, np.full(2000, "eam")),
+        {"name": np.append(case.points.columns["name"], np.full(2000, ""))},
+    )
+    return replace(case, points=points)
 
 
 def glued(apart: float) -> Case:
@@ -145,16 +173,64 @@ def test_what_can_be_meant_is_fitted_without_a_word(case: Case) -> None:
 
 
 def test_two_thousand_beats_of_one_contact_inside_do_not_move_the_wall() -> None:
-    case, rng = usual(), np.random.default_rng(SEED)
-    place = case.points.of("eam").xyz.mean(axis=0) + np.array([3.0, 2.0, 1.0])
-    more = Points(
-        np.vstack([case.points.xyz, place + rng.normal(0.0, 0.4, (2000, 3))]),
-        np.append(case.points.type, np.full(2000, "eam")),
-        {"name": np.append(case.points.columns["name"], np.full(2000, ""))},
-    )
+    case = usual()
+    more = beats_at(case, case.points.of("eam").xyz.mean(axis=0) + np.array([3.0, 2.0, 1.0]))
     stages = [Landmarks(), ICP(), Deform()]
-    found, known = (
-        Pipeline(stages, folds=0).run(one).estimates["deform"] for one in (replace(case, points=more), case)
-    )
+    found, known = (Pipeline(stages, folds=0).run(one).estimates["deform"] for one in (more, case))
     assert "duplicate-points" in {warning.code for warning in found.warnings}
     assert np.abs(found.surface.vertices - known.surface.vertices).max() < 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_two_thousand_beats_8_mm_inside_do_not_make_the_landmarks_look_swapped(seed: int) -> None:
+    rng, at = np.random.default_rng(1000 + seed), pose(30.0, 40.0, seed=seed)
+    case = measured(PRIOR, at, noise=1.5)
+    marks = (case.points.type == "landmark")[:, None]
+    noisy = case.points.xyz + marks * rng.normal(0.0, 1.7, case.points.xyz.shape)
+    case = replace(case, points=replace(case.points, xyz=noisy))
+    moved = PRIOR.transformed(at)
+    contact = int(rng.integers(len(moved.vertices)))
+    more = beats_at(case, moved.vertices[contact] - 8.0 * moved.vertex_normals[contact])
+    alone, found = (Landmarks()(one, start_estimate(one)).T_map_prior for one in (case, more))
+    assert np.array_equal(alone, found)
+
+
+@pytest.mark.parametrize("middle", [(0.0, 0.0, 0.0), (5.0, -8.0, 3.0), (40.0, -150.0, 20.0)])
+@pytest.mark.parametrize("degrees", [5.0, 40.0])
+def test_a_prior_and_landmarks_of_two_frames_are_refused_with_the_reason(
+    middle: tuple[float, float, float], degrees: float
+) -> None:
+    case = marked_in_the_other_frame(middle, degrees)
+    with pytest.raises(InputError, match=r"one of them in LPS and the other in RAS\? Bring the prior and"):
+        Pipeline([Landmarks(), ICP()], folds=0).run(case)
+
+
+@pytest.mark.parametrize("turned", ["points", "prior"])
+def test_a_start_of_the_other_frame_is_doubted_with_the_reason(turned: str) -> None:
+    case = started_in_the_other_frame(measured(PRIOR, pose(40.0, 6.0), noise=1.0), turned, 40.0)
+    run = Pipeline([ICP()], folds=0).run(case)
+    said = {one.code: one.sentence for one in run.estimates["icp"].warnings}
+    assert f"are the {turned} in RAS and the rest of the case in LPS" in said["start-pose-doubtful"]
+
+
+@pytest.mark.parametrize("turned", ["points", "prior"])
+def test_a_start_far_off_by_the_other_frame_is_refused_with_the_reason(turned: str) -> None:
+    far = PRIOR.with_vertices(PRIOR.vertices + np.array([40.0, -150.0, 20.0]))
+    case = started_in_the_other_frame(measured(far, pose(5.0, 6.0), noise=1.0), turned, 5.0)
+    with pytest.raises(InputError, match=f"away from the prior .* are the {turned} in RAS and the rest of"):
+        Pipeline([ICP()], folds=0).run(case)
+
+
+def test_a_start_that_is_wrong_otherwise_is_not_blamed_on_the_frame() -> None:
+    case = replace(measured(PRIOR, pose(5.0, 6.0), noise=1.0), prior_landmarks={}, init=pose(100.0, 6.0))
+    said = [one.sentence for one in Pipeline([ICP()], folds=0).run(case).estimates["icp"].warnings]
+    assert any("the start may be wrong" in one for one in said)
+    assert not any("RAS" in one for one in said)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 40.0])
+def test_left_and_right_exchanged_are_not_blamed_on_the_frame(degrees: float) -> None:
+    case = measured(PRIOR, pose(degrees, 8.0))
+    marks = {{"L": "R", "R": "L"}[name[0]] + name[1:]: at for name, at in case.prior_landmarks.items()}
+    with pytest.raises(InputError, match="seem to be swapped"):
+        Pipeline([Landmarks(), ICP()], folds=0).run(replace(case, prior_landmarks=marks))
