@@ -12,6 +12,7 @@ SCRIPTS = (
     "materials.js",
     "focus.js",
     "framing.js",
+    "cube.js",
     "panels.js",
     "points.js",
     "hidden.js",

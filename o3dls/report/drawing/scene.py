@@ -143,7 +143,7 @@ def _remoteness_field(subject: Subject) -> str | None:
 
 
 def _describe_directions(subject: Subject) -> Json:
-    """Describe views, what is up, the patient's axes where known, letters of axes and sides to cut away."""
+    """Describe views, what is up, the patient's axes where known, faces of the cube and sides to cut away."""
     frame = subject.case.frame
     known = frame != "unknown"
     side = -1.0 if frame == "RAS" else 1.0
@@ -154,7 +154,7 @@ def _describe_directions(subject: Subject) -> Json:
         "viewsBy": seen.known_by,
         "up": seen.up.tolist(),
         "patient": patient if seen.patient else None,
-        "axes": list(frame) if known else ["x", "y", "z"],
+        "cube": [{"letter": letter, "view": view} for letter, view in seen.faces().items()],
         "cutNames": ["sagittal (x)", "coronal (y)", "axial (z)"] if known else ["x", "y", "z"],
         "cutSigns": [side, -side, 1.0],
     }

@@ -1,4 +1,4 @@
-// What is written over the pictures: contours in the cut, landmark names, axes and a scale bar.
+// What is written over the pictures: contours in the cut, landmark names, the cube and a scale bar.
 
 const FAINT = 0.35; // of what is behind the wall
 const overlays = []; // what pages with more to show draw over every picture
@@ -19,7 +19,7 @@ function drawOverlay(panel, context, ratio) {
   overlays.forEach((draw) => draw(context, width, height, ratio, ink));
   drawPinned(context, width, height, ratio, ink);
   drawMeasured(context, width, height, ratio, ink);
-  drawAxes(context, height, ratio, ink);
+  drawCube(context, height, ratio, ink);
   drawScaleBar(context, width, height, ratio, ink);
 }
 
@@ -57,24 +57,6 @@ function drawLabel({ name, at, strength }, context, width, height, ratio, ink) {
   context.stroke();
   context.setLineDash([]);
   context.globalAlpha = 1;
-}
-
-function drawAxes(context, height, ratio, ink) {
-  const [x, y] = [34 * ratio, height - 34 * ratio];
-  context.strokeStyle = context.fillStyle = ink;
-  context.lineWidth = 1.5 * ratio;
-  context.font = `${11 * ratio}px system-ui, sans-serif`;
-  context.textAlign = "center";
-  context.textBaseline = "middle";
-  scene.axes.forEach((letter, axis) => {
-    const end = new THREE.Vector3().setComponent(axis, 1).applyQuaternion(camera.quaternion.clone().invert());
-    context.beginPath();
-    context.moveTo(x, y);
-    context.lineTo(x + 18 * ratio * end.x, y - 18 * ratio * end.y);
-    context.stroke();
-    if (Math.hypot(end.x, end.y) > 0.3) context.fillText(letter, x + 26 * ratio * end.x, y - 26 * ratio * end.y);
-  });
-  context.textAlign = "start";
 }
 
 function drawScaleBar(context, width, height, ratio, ink) {
