@@ -17,6 +17,7 @@ from ..mapping.views import orientation
 from ..mapping.wall_regions import with_regions
 from ..subject import Subject
 from ..surfaces.display import decimated
+from ..surfaces.occlusion import occlusion
 from .caption import made
 from .colour_maps import MAPS, colour_table
 from .estimates import all_fields, all_surfaces, estimate_data
@@ -166,6 +167,7 @@ def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field
         "positions": grid(surface.vertices, low, size),
         "faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)),
         "wide": wide,
+        "occlusion": coded(np.round(255 * occlusion(surface)).astype(np.uint8)),
         "fields": {
             field.key: packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
         },
