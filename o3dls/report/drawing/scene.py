@@ -17,6 +17,7 @@ from ..mapping.views import orientation
 from ..mapping.wall_regions import with_regions
 from ..subject import Subject
 from ..surfaces.display import decimated
+from ..surfaces.occlusion import occlusion
 from .caption import made
 from .colour_maps import MAPS, colour_table
 from .estimates import all_fields, all_surfaces, estimate_data
@@ -143,7 +144,7 @@ def _remoteness_field(subject: Subject) -> str | None:
 
 
 def _describe_directions(subject: Subject) -> Json:
-    """Describe views, what is up, the patient's axes where known, letters of axes and sides to cut away."""
+    """Describe views, what is up, the patient's axes where known, faces of the cube and sides to cut away."""
     frame = subject.case.frame
     known = frame != "unknown"
     side = -1.0 if frame == "RAS" else 1.0
@@ -154,7 +155,7 @@ def _describe_directions(subject: Subject) -> Json:
         "viewsBy": seen.known_by,
         "up": seen.up.tolist(),
         "patient": patient if seen.patient else None,
-        "axes": list(frame) if known else ["x", "y", "z"],
+        "cube": [{"letter": letter, "view": view} for letter, view in seen.faces().items()],
         "cutNames": ["sagittal (x)", "coronal (y)", "axial (z)"] if known else ["x", "y", "z"],
         "cutSigns": [side, -side, 1.0],
     }
@@ -166,6 +167,7 @@ def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field
         "positions": grid(surface.vertices, low, size),
         "faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)),
         "wide": wide,
+        "occlusion": coded(np.round(255 * occlusion(surface)).astype(np.uint8)),
         "fields": {
             field.key: packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
         },

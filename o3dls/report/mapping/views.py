@@ -47,6 +47,14 @@ class Orientation:
         turn |= {"LL": left, "RL": -left}
         return turn | {"superior": up + OFF_POLE * front, "inferior": OFF_POLE * front - up}
 
+    def faces(self) -> dict[str, str]:
+        """Return the letter of each face of an orientation cube, opposite ones in turn, and the view that it
+        faces.
+        """
+        if not self.patient:
+            return {letter: f"prior {letter}" for letter in ("+x", "−x", "−y", "+y", "+z", "−z")}
+        return {"L": "LL", "R": "RL", "A": "AP", "P": "PA", "S": "superior", "I": "inferior"}
+
     def sides(self) -> tuple[tuple[str, str], ...]:
         """Name what lies towards left, front and up, each with what lies opposite."""
         if not self.patient:

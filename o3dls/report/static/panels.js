@@ -42,6 +42,7 @@ function makePanel(estimate, index) {
   const panel = { index, figure, canvas, note, world, sides, ghosts, marks: [], rows: [], share: 1, shown: true };
   setEstimate(panel, estimate);
   caption.append(estimateSelect(panel), note);
+  makeCube(panel);
   connect(panel);
   return panel;
 }
@@ -131,6 +132,7 @@ function drawAll(size = sizeOnScreen) {
     context.clearRect(0, 0, width, height);
     context.drawImage(renderer.domElement, 0, 0);
     drawOverlay(panel, context, ratio);
+    placeCube(panel);
   }
   document.documentElement.dataset.drawCalls = JSON.stringify(shown.map((panel) => panel.calls));
   noteThinned(shown);

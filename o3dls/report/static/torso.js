@@ -11,8 +11,6 @@ const PARTS = [ // centre and half axes along the patient's left, front and up
 ];
 const SIDE = [21, 0, 2]; // where the letter of the left side stands
 
-const svgElement = (name) => document.createElementNS("http://www.w3.org/2000/svg", name);
-
 function drawTorso() {
   if (!scene.patient) return;
   const axes = ["left", "front", "up"].map((name) => new THREE.Vector3(...scene.patient[name]).applyQuaternion(camera.quaternion.clone().invert()));
