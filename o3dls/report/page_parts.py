@@ -19,6 +19,7 @@ SCRIPTS = (
     "overlay.js",
     "controls.js",
     "bars.js",
+    "handles.js",
     "regions.js",
     "next.js",
     "torso.js",

@@ -108,10 +108,7 @@ function setAttribute(geometry, name, data) {
 
 function showBar(id, map, name, range) {
   const bar = $(id);
-  const context = bar.querySelector("canvas").getContext("2d");
-  const image = context.createImageData(256, 1);
-  image.data.set(textures[map].image.data);
-  context.putImageData(image, 0, 0);
+  bar.dataset.map = map;
   bar.querySelector(".name").textContent = name;
   writeRange(bar, range);
 }
@@ -135,6 +132,7 @@ function connectBar(id, apply, automatic, signed = () => false) {
     apply([low, high]);
   };
   bar.querySelectorAll("input").forEach((input) => input.addEventListener("change", change));
+  connectHandles(bar, automatic, signed);
   bar.querySelector(".auto").addEventListener("click", () => {
     bar.classList.remove("wrong");
     writeRange(bar, automatic());
