@@ -31,6 +31,7 @@ SCRIPTS = (
     "worst.js",
     "picture.js",
     "pair.js",
+    "fit.js",
     "link.js",
     "start.js",
 )

@@ -52,6 +52,7 @@ function chooseField(key) {
 
 function colourPanel(panel) {
   const { field } = settings;
+  if (isBetween(panel)) return colourBetween();
   const data = field && scene.meshes[panel.mesh].fields[field.key];
   setAttribute(panel.geometry, "value", data);
   noteColour(panel);
@@ -60,6 +61,10 @@ function colourPanel(panel) {
 function noteColour(panel) {
   const { field } = settings;
   const data = field && scene.meshes[panel.mesh].fields[field.key];
+  if (isBetween(panel)) {
+    panel.note.textContent = $("fit").getAttribute("aria-valuetext");
+    return;
+  }
   panel.note.textContent = field && !data ? `no ${field.label} here ` : panel.caption;
   if (field && !data) offerInstead(panel, field);
 }
