@@ -19,6 +19,7 @@ SCRIPTS = (
     "overlay.js",
     "controls.js",
     "bars.js",
+    "handles.js",
     "regions.js",
     "next.js",
     "torso.js",
@@ -31,6 +32,7 @@ SCRIPTS = (
     "worst.js",
     "picture.js",
     "pair.js",
+    "fit.js",
     "link.js",
     "start.js",
 )

@@ -52,6 +52,7 @@ function chooseField(key) {
 
 function colourPanel(panel) {
   const { field } = settings;
+  if (isBetween(panel)) return colourBetween();
   const data = field && scene.meshes[panel.mesh].fields[field.key];
   setAttribute(panel.geometry, "value", data);
   noteColour(panel);
@@ -60,6 +61,10 @@ function colourPanel(panel) {
 function noteColour(panel) {
   const { field } = settings;
   const data = field && scene.meshes[panel.mesh].fields[field.key];
+  if (isBetween(panel)) {
+    panel.note.textContent = $("fit").getAttribute("aria-valuetext");
+    return;
+  }
   panel.note.textContent = field && !data ? `no ${field.label} here ` : panel.caption;
   if (field && !data) offerInstead(panel, field);
 }
@@ -108,10 +113,7 @@ function setAttribute(geometry, name, data) {
 
 function showBar(id, map, name, range) {
   const bar = $(id);
-  const context = bar.querySelector("canvas").getContext("2d");
-  const image = context.createImageData(256, 1);
-  image.data.set(textures[map].image.data);
-  context.putImageData(image, 0, 0);
+  bar.dataset.map = map;
   bar.querySelector(".name").textContent = name;
   writeRange(bar, range);
 }
@@ -135,6 +137,7 @@ function connectBar(id, apply, automatic, signed = () => false) {
     apply([low, high]);
   };
   bar.querySelectorAll("input").forEach((input) => input.addEventListener("change", change));
+  connectHandles(bar, automatic, signed);
   bar.querySelector(".auto").addEventListener("click", () => {
     bar.classList.remove("wrong");
     writeRange(bar, automatic());

@@ -15,6 +15,7 @@ function showEstimate(panel, k) {
   setEstimate(panel, k);
   colourPanel(panel);
   panels.forEach(noteColour); // what others offer may be shown now
+  followEstimate(panel);
   showRegions(settings.field);
   listWorst();
   cut(); // its contours, its legend and the points

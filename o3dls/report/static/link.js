@@ -32,6 +32,10 @@ const STATE = {
   ghost: { read: () => $("ghost").value, write: (text) => choose("ghost", text) },
   translucent: { read: () => $("translucent").value, write: (text) => { if (within(text, 0, 0.9)) slide("translucent", text); } },
   estimates: { read: () => (pair.on ? pair.before : panels).map(({ estimate }) => scene.estimates[estimate].name).join("|"), write: showNamed },
+  fit: {
+    read: () => (isBetween(fitPanel()) ? String(round(fit.at)) : ""),
+    write: (text) => { if (scene.fit && within(text, 0, scene.fit.stops.length - 1)) moveFit(Number(text)); },
+  },
   hide: {
     read: () => boxes().filter((box) => !box.checked).map(boxName),
     write: (name) => uncheck(boxes().find((box) => boxName(box) === name)),

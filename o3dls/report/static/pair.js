@@ -43,12 +43,14 @@ function setPair(on) {
     panel.shown = on ? pairPanels().includes(panel) : pair.before[k].shown;
     panel.figure.hidden = !panel.shown;
     if (!on) setEstimate(panel, pair.before[k].estimate);
+    followEstimate(panel);
   });
   on ? choosePair() : repaint();
 }
 
 function choosePair() {
   pairPanels().forEach((panel, k) => setEstimate(panel, Number([$("pair-left"), $("pair-right")][k].value)));
+  followEstimate(fitPanel());
   repaint();
   keepWhole();
   moveDivider(pair.split);

@@ -49,6 +49,7 @@ connectToolbar();
 fillBars();
 connectFullscreen();
 fillPair();
+fillFit();
 $("viewer").hidden = false;
 document.getElementById("pictures").classList.add("live");
 listWorst();
