@@ -12,7 +12,9 @@ FILES = r"close it with `o3dls convert --cap`, or say cap = true in case\.toml"
 WORDS = (
     (re.compile(FILES), "say cap=True to close it"),
     (re.compile(r"--(frame|units) (LPS|RAS|unknown|mm|cm|m|um|in|px)\b"), r"\1='\2'"),
-    (re.compile(r"--(label|part|layer|box|frame|units|cap)\b"), r"\1="),
+    (re.compile(r"--form (sform|qform)\b"), r"form='\1'"),
+    (re.compile(r"--fill-slices\b"), "fill_slices=True"),
+    (re.compile(r"--(label|part|layer|box|form|frame|units|cap)\b"), r"\1="),
 )
 
 

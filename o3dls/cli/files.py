@@ -95,6 +95,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
 @click.option("--layer", "--phase", "layer", type=int, help="4D volumes: the layer or phase, from 0")
 @click.option("--fill-slices", is_flag=True, help="label volumes: interpolate blank slices")
+@click.option("--columns", help="tables of points: which columns these are: bipolar=V1,x=East")
 @click.option(
     "--form",
     type=click.Choice(["sform", "qform"]),

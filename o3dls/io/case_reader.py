@@ -14,7 +14,7 @@ from ..case import MILLIMETRES, Case, Points, no_points
 from ..errors import InputError
 from ..geometry.similarity import is_pose
 from .case_coordinates import check_scale, coordinates, in_frame, millimetres_per_unit
-from .case_settings import Folder, open_folder
+from .case_settings import Folder, lines_said, open_folder
 from .case_surfaces import phases_of, surface_of, truth_of
 from .markups import read_markups
 from .points import describe_columns, points_of, read_points_table, scaled
@@ -67,7 +67,7 @@ def read_case(
     ('mm', (294, 3))
     """
     given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
-    with hashed_reads() as read:
+    with hashed_reads() as read, lines_said():
         opened = open_folder(Path(folder), given)
         return replace(case_of(opened, points, fewest), files=opened.hashes(read))
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +50,16 @@ ALLOWED: Mapping[str, tuple[str | int, ...]] = {
     "form": ("sform", "qform"),
     "sidecar": ("ignore", "take"),
 }
+
+NUMBER = r"-?[\d.]+(?:e[+-]?\d+)?"
+# options that a sentence names behind two dashes, as a line of case.toml has them
+LINES: tuple[tuple[str, str], ...] = (
+    (r"(form|sidecar) (sform|qform|ignore|take)\b", r'\1 = "\2"'),
+    (r"fill-slices\b", "fill_slices = true"),
+    ("box " + " ".join([f"({NUMBER})"] * 6), r"box = [\1, \2, \3, \4, \5, \6]"),
+    (r"columns (\w+=HEADING)", r'columns = "\1"'),
+    (r"(label|part|layer|form|sidecar|box)\b", r"\1"),
+)
 
 
 @dataclass
@@ -145,6 +157,24 @@ def open_folder(path: Path, overrides: Mapping[str, str]) -> Folder:
             )
     folder.settings |= overrides
     return folder
+
+
+@contextmanager
+def lines_said() -> Iterator[None]:
+    """Raise the errors of what is done within with lines of case.toml for options, which a command that reads
+    a case folder does not have.
+    """
+    try:
+        yield
+    except InputError as error:
+        sentence = str(error)
+        for option, line in LINES:
+            sentence = re.sub(f"--{option}", line, sentence)
+        if sentence != str(error):
+            sentence += ", in case.toml"
+        elif found := re.search(rf"--(units|frame) ({'|'.join((*MILLIMETRES, *SPACES))})\b", sentence):
+            sentence += f', or {found[1]} = "{found[2]}" and so on in case.toml'
+        raise InputError(sentence) from None
 
 
 def new_folder(path: Path, settings: dict[str, Any]) -> Folder:

@@ -80,7 +80,8 @@ def convert(
     faces : int, default None
         decimate a surface to so many triangles.
     **choice
-        which surface is meant: options of a label volume, `part`, or `hidden` of CARTO's triangles.
+        which surface is meant: options of a label volume, `part`, or `hidden` of CARTO's triangles; of a
+        table `columns`, such as "bipolar=V1".
 
     Returns
     -------
@@ -118,14 +119,18 @@ def convert(
             f"{source}: is not a surface, points (a table or a cloud), named places (.mrk.json, .fcsv) or "
             "pose (.tfm, .txt, .mat) that o3dls knows; is it damaged?"
         )
+    columns = choice.pop("columns", None)
     chosen = any(value is not None and value is not False for value in choice.values())
     if cap or repair or faces is not None or format or chosen:
         raise InputError(
             f"{source}: is not a surface, so cap, repair, faces, format, label, part, box, layer and hidden "
             "do not apply to it"
         )
-    write = _convert_transform if pose else _convert_markups if suffix in MARKUPS else _convert_points
-    return write(source, target, units, frame, to)
+    if not pose and suffix not in MARKUPS:
+        return _convert_points(source, target, units, frame, to, columns)
+    if columns is not None:
+        raise InputError(f"{source}: is not a table of points, so columns do not apply to it")
+    return (_convert_transform if pose else _convert_markups)(source, target, units, frame, to)
 
 
 def _convert_surface(
@@ -212,10 +217,10 @@ def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
 
 
 def _convert_points(
-    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
+    source: Path, target: Path, units: str | None, frame: str | None, to: str | None, meant: str | None
 ) -> list[str]:
     """Convert tables of points or of named places; all columns are kept where the target is a table too."""
-    table = read_points_table(source)
+    table = read_points_table(source, columns=meant)
     points = points_of(table, 3)
     said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
     space = settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
