@@ -25,6 +25,7 @@ SCRIPTS = (
     "torso.js",
     "estimates.js",
     "plane.js",
+    "cap.js",
     "hit.js",
     "pick.js",
     "measure.js",
@@ -59,7 +60,7 @@ def viewer_started(more: str = "", given: str = "undefined") -> str:
     ours = "\n".join([*parts, more, start, f"return {given};"])
     # without WebGL the static pictures stay; a context is slow to make, so the one that tells draws too
     # and it keeps what it drew, since a driver may copy a picture later than it is asked to
-    settings = "{ antialias: true, alpha: true, preserveDrawingBuffer: true }"
+    settings = "{ antialias: true, alpha: true, stencil: true, preserveDrawingBuffer: true }"
     context = f"document.createElement('canvas').getContext('webgl2', {settings})"
     return f"((webgl) => {{\nif (!webgl) return undefined;\n{ours}\n}})({context})"
 

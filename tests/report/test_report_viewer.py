@@ -273,8 +273,12 @@ def test_a_pinned_place_follows_the_colours_and_goes_with_its_surface(visit: Vis
 
 
 def test_what_is_cut_away_is_not_hit(visit: Visit) -> None:
-    """In front of the cut through the middle stands nothing: the ray meets the far wall, from within."""
+    """In front of the cut through the middle stands nothing: the ray meets the far wall, from within.
+
+    A translucent wall has no cap before it.
+    """
     without_points(visit)
+    visit.page.locator("#translucent").fill("0.05")
     visit.page.select_option("#field", label="displacement, outward positive")
     visit.page.get_by_role("button", name="LL", exact=True).click()
     visit.settle()

@@ -163,6 +163,7 @@ function setTranslucency(amount) {
     back.visible = amount > 0; // what hides what is behind it is painted in one go
     front.material.side = amount > 0 ? THREE.FrontSide : THREE.DoubleSide;
   }
+  panels.forEach(capPanel);
   invalidate();
 }
 
@@ -175,8 +176,10 @@ function cut() {
   const plane = cutPlane();
   $("level").disabled = !plane;
   $("cut-turn").hidden = $("cut").value !== "free";
+  $("cut-flip").hidden = !plane;
   shared.plane.value.copy(plane || NO_PLANE);
   contours = plane ? contourSources().map((source) => ({ ...source, segments: sliceMesh(source.geometry, source.matrix, plane) })) : [];
+  panels.forEach(capPanel);
   legend();
   paintAllPoints();
 }

@@ -35,6 +35,7 @@ function decodeMesh(mesh) {
   const geometry = new THREE.BufferGeometry();
   const faces = mesh.wide ? uint32(mesh.faces) : uint16(mesh.faces);
   geometry.setAttribute("position", new THREE.BufferAttribute(unpackPositions(mesh.positions), 3));
+  geometry.setAttribute("occlusion", new THREE.BufferAttribute(bytes(mesh.occlusion), 1, true));
   geometry.setIndex(new THREE.BufferAttribute(faces, 1));
   geometry.computeVertexNormals();
   return geometry;

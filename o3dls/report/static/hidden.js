@@ -20,12 +20,14 @@ function findHidden() {
   }, REST);
 }
 
-// Whether a panel's surface, less what is cut away, stands between a place and the camera.
+// Whether a panel's surface, less what is cut away, or the cap of its cut stands between a place and the camera.
 function hides({ sides }, at) {
   const direction = camera.position.clone().sub(target).normalize();
   const ray = { origin: new THREE.Vector3(...at), direction };
   const hits = [];
   for (const side of sides) side.raycast({ ray, near: FREE, far: Infinity }, hits);
-  const { x, y, z, w } = shared.plane.value;
-  return hits.some(({ point }) => x * point.x + y * point.y + z * point.z <= w);
+  const plane = shared.plane.value;
+  const kept = ({ x, y, z }) => plane.x * x + plane.y * y + plane.z * z <= plane.w;
+  const taken = hits.filter(({ object, point }) => object === sides[1] && !kept(point)).length; // which has both sides where a cap may be
+  return hits.some(({ point }) => kept(point)) || (kept(ray.origin) && isCapped({ forward: direction.clone().negate() }, taken));
 }

@@ -21,13 +21,13 @@ function besideRay(at, { origin, right, up }) {
   return out;
 }
 
-// The nearest place of the surface that is not cut away: {at, corners, weights, depth}, or null.
+// The nearest place of the surface that is neither cut away nor behind the cap of the cut: {at, corners, weights, depth}, or null.
 function hitSurface({ geometry }, ray) {
   const position = geometry.getAttribute("position");
   const index = geometry.index.array;
   const flat = besideRay(position.array, ray);
   const cross = (a, b) => flat[2 * a] * flat[2 * b + 1] - flat[2 * a + 1] * flat[2 * b];
-  let nearest = null;
+  let [nearest, taken] = [null, 0];
   for (let f = 0; f < index.length; f += 3) {
     const [a, b, c] = [index[f], index[f + 1], index[f + 2]];
     const [wa, wb, wc] = [cross(b, c), cross(c, a), cross(a, b)]; // twice the areas beside the ray
@@ -37,9 +37,10 @@ function hitSurface({ geometry }, ray) {
     const at = new THREE.Vector3();
     corners.forEach((corner, k) => at.addScaledVector(new THREE.Vector3().fromBufferAttribute(position, corner), weights[k]));
     const depth = at.clone().sub(ray.origin).dot(ray.forward);
-    if (!isCut(at) && !(nearest && nearest.depth < depth)) nearest = { at, corners, weights, depth };
+    if (isCut(at)) taken += 1;
+    else if (!(nearest && nearest.depth < depth)) nearest = { at, corners, weights, depth };
   }
-  return nearest;
+  return isCapped(ray, taken) ? null : nearest;
 }
 
 // The nearest drawn point under the ray that the wall, at a depth, does not hide; undefined where there is none.

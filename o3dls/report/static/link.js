@@ -122,23 +122,29 @@ function showNamed(text) {
 // A cut and its level; a free one with its direction too.
 function cutNow() {
   const level = round(Number($("level").value));
-  if ($("cut").value === "free") return `free:${level}:${listed(freeNormal.toArray())}`;
-  return AXES[$("cut").value] ? `${AXES[$("cut").value]}:${level}` : "";
+  const side = flipped ? ":flipped" : "";
+  if ($("cut").value === "free") return `free:${level}:${listed(freeNormal.toArray())}${side}`;
+  return AXES[$("cut").value] ? `${AXES[$("cut").value]}:${level}${side}` : "";
 }
 
 function cutAt(text) {
-  const [letter, level, direction] = text.split(":");
+  const parts = text.split(":");
+  const side = parts.at(-1) === "flipped";
+  const [letter, level, direction] = side ? parts.slice(0, -1) : parts;
   const along = letter === "free" && triple(direction ?? "");
   if (along && Math.hypot(...along) > 0.5 && within(level ?? "", 0, 1)) {
     Object.assign($("level"), { value: level });
     $("cut").value = "free";
     freeNormal.set(...along).normalize();
+    flipped = side;
     cut();
     return;
   }
   if (!AXES.includes(letter) || !within(level ?? "", 0, 1)) return;
   $("level").value = level;
-  choose("cut", String(AXES.indexOf(letter)));
+  $("cut").value = String(AXES.indexOf(letter)); // the view is another part of the address
+  flipped = side;
+  cut();
 }
 
 function divideAt(percent) {

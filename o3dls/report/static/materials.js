@@ -3,12 +3,15 @@
 const VERTEX = `
   attribute float value;
   attribute float remoteness;
+  attribute float occlusion; // share of the light from outside that other wall keeps away, by occlusion.py
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
   flat varying float vCode;
   varying float vRemoteness;
+  varying float vOcclusion;
   void main() {
+    vOcclusion = occlusion;
     vNormal = normalMatrix * normal;
     vPosition = (modelMatrix * vec4(position, 1.0)).xyz;
     vValue = vCode = value;
@@ -20,6 +23,7 @@ const VERTEX = `
 const FRAGMENT = `
   #define FLOOR 0.85
   #define INSIDE_LIGHT 0.93
+  #define SHADE 0.5
   uniform sampler2D colours;
   uniform vec2 range;
   uniform vec3 plain;
@@ -35,6 +39,7 @@ const FRAGMENT = `
   varying float vValue;
   flat varying float vCode;
   varying float vRemoteness;
+  varying float vOcclusion;
   void main() {
     if (dot(vPosition, plane.xyz) > plane.w) discard;
     float facing = abs(normalize(vNormal).z);
@@ -51,8 +56,9 @@ const FRAGMENT = `
     if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(0.72), 0.8);
     float lit = 1.0 - (1.0 - facing) * (1.0 - facing);
     float light = mix(FLOOR, gl_FrontFacing ? 1.0 : INSIDE_LIGHT, lit);
+    if (gl_FrontFacing) light = max(FLOOR, light - SHADE * vOcclusion);
     float steep = facing / max(fwidth(facing), 1e-6); // pixels to where the wall turns away
-    float edge = gl_FrontFacing ? 1.0 - smoothstep(0.5, 1.5, steep) : 0.0;
+    float edge = gl_FrontFacing ? 1.0 - smoothstep(0.8, 2.2, steep) : 0.0;
     float rim = pow(1.0 - facing, 3.0);
     gl_FragColor = vec4(mix(colour * light, vec3(0.12), 0.8 * edge), mix(opacity, 1.0, opacity < 1.0 ? 0.6 * rim : 1.0));
   }`;

@@ -13,7 +13,7 @@ function drawOverlay(panel, context, ratio) {
   const { width, height } = panel.canvas;
   const ink = getComputedStyle(panel.canvas).color;
   context.lineJoin = context.lineCap = "round";
-  for (const contour of contours) drawContour(contour, context, width, height, ratio);
+  drawContours(context, width, height, ratio);
   if (settings.labels) scene.landmarks.forEach((mark, k) => drawLabel({ ...mark, strength: panel.hidden?.marks[k] ? FAINT : 1 }, context, width, height, ratio, ink));
   if (settings.next) for (let k = scene.next.length - 1; k >= 0; k--) drawNumber({ ...scene.next[k], strength: panel.hidden?.next[k] ? FAINT : 1 }, context, width, height, ratio);
   overlays.forEach((draw) => draw(context, width, height, ratio, ink));
@@ -23,18 +23,32 @@ function drawOverlay(panel, context, ratio) {
   drawScaleBar(context, width, height, ratio, ink);
 }
 
-function drawContour({ colour, dash, segments }, context, width, height, ratio) {
-  context.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue(colour); // a CSS variable: light and dark differ
-  context.lineWidth = 1.8 * ratio;
-  context.setLineDash(dash.map((n) => n * ratio));
-  context.beginPath();
+// Each line over an edge in the page's colour, so that it is clear on wall of any colour; the edges hide no line.
+function drawContours(context, width, height, ratio) {
+  const edge = getComputedStyle(document.body).backgroundColor;
+  const lines = contours.map(({ segments }) => pathOf(segments, width, height));
+  lines.forEach((line) => strokeLine(context, line, edge, 5 * ratio));
+  contours.forEach(({ colour, dash }, k) => {
+    context.setLineDash(dash.map((n) => n * ratio));
+    strokeLine(context, lines[k], getComputedStyle(document.documentElement).getPropertyValue(colour), 2.2 * ratio); // a CSS variable: light and dark differ
+  });
+  context.setLineDash([]);
+}
+
+function pathOf(segments, width, height) {
+  const path = new Path2D();
   for (let i = 0; i < segments.length; i += 6) {
     const goesOn = i > 0 && [0, 1, 2].every((k) => segments[i + k] === segments[i + k - 3]);
-    if (!goesOn) context.moveTo(...project(segments[i], segments[i + 1], segments[i + 2], width, height));
-    context.lineTo(...project(segments[i + 3], segments[i + 4], segments[i + 5], width, height));
+    if (!goesOn) path.moveTo(...project(segments[i], segments[i + 1], segments[i + 2], width, height));
+    path.lineTo(...project(segments[i + 3], segments[i + 4], segments[i + 5], width, height));
   }
-  context.stroke();
-  context.setLineDash([]);
+  return path;
+}
+
+function strokeLine(context, line, colour, wide) {
+  context.strokeStyle = colour;
+  context.lineWidth = wide;
+  context.stroke(line);
 }
 
 function drawLabel({ name, at, strength }, context, width, height, ratio, ink) {

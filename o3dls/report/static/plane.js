@@ -1,15 +1,33 @@
 // The plane of the cut: across an axis, or free, across the direction from which one looked when it was chosen.
 
 const NO_PLANE = new THREE.Vector4(0, 0, 0, 1);
+let flipped = false; // the other side of the plane is taken away
 const freeNormal = new THREE.Vector3(...scene.views[0].from).normalize();
 
 function connectPlane() {
   option($("cut"), "free", "free");
-  $("cut").addEventListener("change", () => ($("cut").value === "free" ? takeDirection() : cut()));
+  $("cut").addEventListener("change", () => {
+    flipped = false;
+    if ($("cut").value === "free") takeDirection();
+    else faceCut();
+  });
   $("cut-turn").addEventListener("click", takeDirection);
+  $("cut-flip").addEventListener("click", () => { flipped = !flipped; faceCut(); });
+}
+
+// Cuts, and looks at what the cut opens.
+function faceCut() {
+  const plane = cutPlane();
+  cut();
+  if (!plane) return;
+  const from = new THREE.Vector3(plane.x, plane.y, plane.z);
+  const along = scene.views.find((view) => new THREE.Vector3(...view.from).normalize().dot(from) > 0.99999);
+  lookFrom(along ? along.from : from.toArray()); // a view is tilted a little where it looks along the body
+  keepWhole();
 }
 
 function takeDirection() {
+  flipped = false;
   freeNormal.copy(camera.position).sub(target).normalize();
   cut();
 }
@@ -20,7 +38,7 @@ function cutPlane() {
   if (choice === "") return null;
   const free = choice === "free";
   const along = free ? freeNormal : new THREE.Vector3().setComponent(Number(choice), 1);
-  const sign = free ? 1 : scene.cutSigns[Number(choice)];
+  const sign = (free ? 1 : scene.cutSigns[Number(choice)]) * (flipped ? -1 : 1);
   const [low, high] = heightsOfBox(along);
   const level = low + (high - low) * Number($("level").value);
   return new THREE.Vector4(sign * along.x, sign * along.y, sign * along.z, sign * level);

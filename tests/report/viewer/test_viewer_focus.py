@@ -131,7 +131,10 @@ def label_strengths(visit: Visit) -> tuple[float, float]:
 
 
 def test_labels_behind_the_wall_are_faint(browser: Any, tmp_path: Path) -> None:
-    """In AP one is behind on the right, two are in front on the left; a cut takes the wall before it away."""
+    """In AP one is behind on the right, two are in front on the left.
+
+    A cut takes the wall before it away and has a section instead, which a translucent wall has not.
+    """
     case = bulged_case()
     xyz = case.points.xyz.copy()
     xyz[case.points.type == "landmark"] = [[10, 17, 0], [-10, -15, -9], [-10, -17, 0]]
@@ -146,6 +149,9 @@ def test_labels_behind_the_wall_are_faint(browser: Any, tmp_path: Path) -> None:
     assert 0.15 * in_front < behind < 0.6 * in_front
     press(visit, "AP")
     visit.page.select_option("#cut", label="coronal (y)")
+    capped = label_strengths(visit)
+    assert capped[1] < 0.6 * capped[0]
+    visit.page.locator("#translucent").fill("0.05")
     left, right = label_strengths(visit)
     assert min(left, right) > 100
     visit.page.close()

@@ -46,6 +46,23 @@ def test_light_leaves_the_colours_of_a_wall_as_they_are(visit: Visit) -> None:
     assert np.percentile(light, 20) > 0.93
 
 
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_folds_are_darker_but_no_colour_is_read_wrongly(
+    share: float, run: Path, browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wall that faces nothing but wall has the least light that colours bear."""
+    place = "o3dls.report.drawing.scene.occlusion"
+    monkeypatch.setattr(place, lambda surface: np.full(len(surface.vertices), share))
+    visit = Visit(browser, write_report([run], tmp_path / "page.html"))
+    without_marks(visit)
+    type_range(visit, "1000", "2000")
+    picture = visit.picture(1)
+    light = (picture[covered(picture)][:, :3] / 255 / colour_table("sequential")[0]).mean(axis=1)
+    assert np.median(light) == pytest.approx(max(0.85, 0.99 - share / 2), abs=0.02)
+    assert np.percentile(light, 8) > 0.84  # but for the line at the edge
+    visit.page.close()
+
+
 @pytest.mark.parametrize("width", [1440, 390])
 def test_surfaces_fill_four_fifths_of_their_picture(
     launch: Callable[..., Any], report: Path, width: int
