@@ -20,7 +20,7 @@ from ..report.expected import expected_of
 from ..report.mapping.advice import located
 from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated
-from ..stages.trusted_landmarks import contradicted
+from ..stages.landmarks import contradicted
 from .display import subject_of
 from .messages import Message, number
 

@@ -25,7 +25,7 @@ from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
-from ..stages.trusted_landmarks import contradiction_of_landmarks
+from ..stages.landmarks import contradiction_of_landmarks
 from .cross_validation import Folds, ending, too_many
 from .doubts import doubtful_points
 from .mistakes import mistakes

@@ -20,7 +20,7 @@ from ..io.surfaces import A_WALL
 from ..registration.landmark_names import alone
 from ..registration.landmarks import errors, fix_a_pose
 from ..run_warning import RunWarning
-from ..stages.trusted_landmarks import trusted_pairs
+from ..stages.landmarks import trusted_pairs
 from .doubts import contradiction, other_frame
 
 log = logging.getLogger("o3dls")

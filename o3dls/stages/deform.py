@@ -28,7 +28,7 @@ from .deform_checks import (
 )
 from .deform_data import differences, observed
 from .deform_parameters import DeformParameters
-from .trusted_landmarks import trusted_pairs
+from .landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data

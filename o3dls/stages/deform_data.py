@@ -10,7 +10,7 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..geometry.similarity import rms_radius
 from .deform_parameters import DeformParameters
-from .trusted_landmarks import trusted_pairs
+from .landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data

@@ -18,8 +18,7 @@ from o3dls.pipeline.start import start_estimate
 from o3dls.registration.odd_landmark import odd_landmark
 from o3dls.stages.deform import Deform
 from o3dls.stages.deform_data import observed
-from o3dls.stages.landmarks import Landmarks
-from o3dls.stages.trusted_landmarks import trusted_pairs
+from o3dls.stages.landmarks import Landmarks, trusted_pairs
 
 # of an atrium, in mm: four ostia, appendage, mitral valve, a middle vein, the roof
 PLACES = np.array(

@@ -165,12 +165,12 @@ def _describe_directions(subject: Subject) -> Json:
 
 
 def _pack_fit(stops: Mapping[str, Surface | None], names: list[str], low: Array, size: Array) -> Json | None:
-    """Pack the prior's faces and the places of their vertices at every estimate; None without stops."""
+    """Pack the wall of the first stop and the places of its vertices at every stop; None without stops."""
     if not stops:
         return None
     first = next(one for one in stops.values() if one)
     return {
-        **_pack_faces(first),
+        **_pack_wall(first),
         "stops": [
             {"estimate": names.index(name), "positions": grid(one.vertices, low, size) if one else None}
             for name, one in stops.items()
@@ -178,16 +178,20 @@ def _pack_fit(stops: Mapping[str, Surface | None], names: list[str], low: Array,
     }
 
 
-def _pack_faces(surface: Surface) -> Json:
+def _pack_wall(surface: Surface) -> Json:
+    """Pack what a surface has besides the places of its vertices and its fields."""
     wide = len(surface.vertices) > LAST
-    return {"faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)), "wide": wide}
+    return {
+        "faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)),
+        "wide": wide,
+        "occlusion": coded(np.round(255 * occlusion(surface)).astype(np.uint8)),
+    }
 
 
 def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
     return {
         "positions": grid(surface.vertices, low, size),
-        **_pack_faces(surface),
-        "occlusion": coded(np.round(255 * occlusion(surface)).astype(np.uint8)),
+        **_pack_wall(surface),
         "fields": {
             field.key: packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
         },
