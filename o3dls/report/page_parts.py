@@ -32,7 +32,7 @@ SCRIPTS = (
     "worst.js",
     "picture.js",
     "pair.js",
-    "fit.js",
+    "motion.js",
     "link.js",
     "start.js",
 )

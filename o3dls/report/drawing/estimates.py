@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,32 +23,12 @@ def all_surfaces(subject: Subject) -> dict[str, Surface]:
     """Return the surface of every estimate, those not shown at first with fewer faces: the page must stay
     small.
     """
-    few = _allowed_faces(subject)
+    others = [name for name in subject.results if name not in subject.shown]
+    few = int(np.clip(ALL_FACES // max(len(others), 1), FEWEST, MOST))
     return {
         name: subject.surfaces[name] if name in subject.shown else _coarse_surface(subject, name, few)
         for name in subject.results
     }
-
-
-def _allowed_faces(subject: Subject) -> int:
-    """Return the number of faces that an estimate that is not shown at first may have."""
-    others = [name for name in subject.results if name not in subject.shown]
-    return int(np.clip(ALL_FACES // max(len(others), 1), FEWEST, MOST))
-
-
-def fit_stops(subject: Subject) -> dict[str, Surface | None]:
-    """Return the estimates of the last one's run in their order, up to the last one: each as the prior's
-    faces, fewer where they are many, in its place, or None where its faces are others. Empty where no two
-    have those of the prior.
-    """
-    few = _allowed_faces(subject)
-    names = [name for name, one in subject.results.items() if one.run is subject.last.run]
-    stops: dict[str, Surface | None] = {}
-    for name in names[: names.index(subject.last.name) + 1]:
-        surface = replace(subject.results[name].estimate.surface, fields={})
-        same = np.array_equal(surface.faces, subject.case.prior.faces)
-        stops[name] = decimated(surface, few * 3 // 2, few, like=subject.case.prior) if same else None
-    return stops if sum(one is not None for one in stops.values()) > 1 else {}
 
 
 def _coarse_surface(subject: Subject, name: str, faces: int) -> Surface:

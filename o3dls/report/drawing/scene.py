@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..surfaces.display import decimated
 from ..surfaces.occlusion import occlusion
 from .caption import made
 from .colour_maps import MAPS, colour_table
-from .estimates import all_fields, all_surfaces, estimate_data, fit_stops
+from .estimates import all_fields, all_surfaces, estimate_data
 from .fields import Field, point_field
 from .packing import LAST, Json, coded, grid, once, packed
 
@@ -38,9 +38,7 @@ def scene(subject: Subject) -> Json:
     ghosts = _ghost_surfaces(subject)
     shown = [surfaces[name] for name in subject.shown]
     every = [*surfaces.values(), *ghosts.values()]
-    stops = fit_stops(subject)
-    moved = [*every, *(one for one in stops.values() if one)]
-    low, size = _bounding_box([*(surface.vertices for surface in moved), subject.case.points.xyz])
+    low, size = _bounding_box([*(surface.vertices for surface in every), subject.case.points.xyz])
     centre = (shown[-1].vertices.min(axis=0) + shown[-1].vertices.max(axis=0)) / 2
     places = {name: len(surfaces) + k for k, name in enumerate(ghosts)}
     arrays: list[str] = []
@@ -61,7 +59,6 @@ def scene(subject: Subject) -> Json:
             {"mesh": k, **estimate_data(subject, name, surface, places)}
             for k, (name, surface) in enumerate(surfaces.items())
         ],
-        "fit": _pack_fit(stops, list(surfaces), low, size),
         "panels": [list(surfaces).index(name) for name in subject.shown],
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _pack_points(subject, low, size),
@@ -164,34 +161,13 @@ def _describe_directions(subject: Subject) -> Json:
     }
 
 
-def _pack_fit(stops: Mapping[str, Surface | None], names: list[str], low: Array, size: Array) -> Json | None:
-    """Pack the wall of the first stop and the places of its vertices at every stop; None without stops."""
-    if not stops:
-        return None
-    first = next(one for one in stops.values() if one)
-    return {
-        **_pack_wall(first),
-        "stops": [
-            {"estimate": names.index(name), "positions": grid(one.vertices, low, size) if one else None}
-            for name, one in stops.items()
-        ],
-    }
-
-
-def _pack_wall(surface: Surface) -> Json:
-    """Pack what a surface has besides the places of its vertices and its fields."""
+def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
     wide = len(surface.vertices) > LAST
     return {
+        "positions": grid(surface.vertices, low, size),
         "faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)),
         "wide": wide,
         "occlusion": coded(np.round(255 * occlusion(surface)).astype(np.uint8)),
-    }
-
-
-def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
-    return {
-        "positions": grid(surface.vertices, low, size),
-        **_pack_wall(surface),
         "fields": {
             field.key: packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
         },

@@ -30,15 +30,14 @@ function markBar(bar, [low, high], values) {
   const beyond = (found) => values.some((array) => array.some((value) => value > -1e20 && found(value)));
   bar.querySelector(".under").hidden = !beyond((value) => value < low - slack);
   bar.querySelector(".over").hidden = !beyond((value) => value > high + slack);
-  const [first, last] = axisOf(bar);
-  const marks = ticks(first, last).map((value) => {
+  const marks = ticks(low, high).map((value) => {
     const made = document.createElement("span");
     made.textContent = value;
-    made.style.left = `${(100 * (value - first)) / (last - first)}%`;
+    made.style.left = `${(100 * (value - low)) / (high - low)}%`;
     return made;
   });
   bar.querySelector(".ticks").replaceChildren(...marks);
-  if (!bar.hidden) placeHandles(bar);
+  noteHandles(bar, [low, high]);
 }
 
 function fillBars() {

@@ -52,19 +52,15 @@ function chooseField(key) {
 
 function colourPanel(panel) {
   const { field } = settings;
-  if (isBetween(panel)) return colourBetween();
   const data = field && scene.meshes[panel.mesh].fields[field.key];
   setAttribute(panel.geometry, "value", data);
+  if (field && isMoving(panel)) mixField(field);
   noteColour(panel);
 }
 
 function noteColour(panel) {
   const { field } = settings;
   const data = field && scene.meshes[panel.mesh].fields[field.key];
-  if (isBetween(panel)) {
-    panel.note.textContent = $("fit").getAttribute("aria-valuetext");
-    return;
-  }
   panel.note.textContent = field && !data ? `no ${field.label} here ` : panel.caption;
   if (field && !data) offerInstead(panel, field);
 }
@@ -114,11 +110,13 @@ function setAttribute(geometry, name, data) {
 function showBar(id, map, name, range) {
   const bar = $(id);
   bar.dataset.map = map;
+  paintColours(bar);
   bar.querySelector(".name").textContent = name;
   writeRange(bar, range);
 }
 
 function writeRange(bar, [low, high]) {
+  noteHandles(bar, [low, high]);
   bar.querySelector(".low").value = Number(low.toPrecision(3));
   bar.querySelector(".high").value = Number(high.toPrecision(3));
 }
@@ -137,7 +135,6 @@ function connectBar(id, apply, automatic, signed = () => false) {
     apply([low, high]);
   };
   bar.querySelectorAll("input").forEach((input) => input.addEventListener("change", change));
-  connectHandles(bar, automatic, signed);
   bar.querySelector(".auto").addEventListener("click", () => {
     bar.classList.remove("wrong");
     writeRange(bar, automatic());

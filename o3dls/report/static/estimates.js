@@ -15,7 +15,6 @@ function showEstimate(panel, k) {
   setEstimate(panel, k);
   colourPanel(panel);
   panels.forEach(noteColour); // what others offer may be shown now
-  followEstimate(panel);
   showRegions(settings.field);
   listWorst();
   cut(); // its contours, its legend and the points
@@ -29,7 +28,10 @@ function setEstimate(panel, k) {
   panel.sides.forEach((side) => { side.geometry = panel.geometry; });
   for (const [name, { matrix }] of Object.entries(ghosts)) if (matrix) panel.ghosts[name].matrix.set(...matrix);
   panel.canvas.setAttribute("aria-label", `${own.name}: surface in 3D. Drag or arrow keys turn it, + and - zoom, 0 resets.`);
-  if (panel.choice) panel.choice.value = k;
+  if (panel.choice) {
+    panel.choice.value = k;
+    followFit(panel, k);
+  }
   if (panel.switch) panel.switch.lastChild.textContent = ` ${own.name}`;
 }
 

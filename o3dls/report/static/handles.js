@@ -1,89 +1,87 @@
-// A handle at each end of a colour bar: dragged, or moved by keys, it does what typing the number beside it does.
+// Handles at the ends of a colour bar: dragged or moved by keys, they write into the number fields beside the bar.
 
-const STEPS = 50, FINE = 200; // of the automatic range for one key press, of the bar for one place of a dragged handle
-const ENDS = ["low", "high"];
+const STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }; // per cent of the automatic range
+const NARROWEST = 0.01; // of the range at the start: the ends stay apart
 
-function connectHandles(bar, automatic, signed) {
-  bar.automatic = automatic;
-  const input = (end) => bar.querySelector(`.${end}`);
-  // A whole number of steps that leaves something of the range; of signed values, of its half.
-  const set = (end, value, step) => {
-    const [low, high] = signed() ? [0, 0] : ENDS.map((one) => input(one).valueAsNumber);
-    const kept = end === "low" ? Math.min(value, high - step) : Math.max(value, low + step);
-    input(end).value = Number((step * Math.round(kept / step)).toPrecision(10));
-    input(end).dispatchEvent(new Event("change"));
+function connectHandles(id, automatic, signed = () => false) {
+  const bar = $(id);
+  bar.signed = signed;
+  for (const handle of bar.querySelectorAll(".handle")) {
+    handle.addEventListener("keydown", (event) => stepEnd(bar, handle, automatic(), event));
+    connectDrag(bar, handle);
+  }
+}
+
+const endOf = (handle) => (handle.classList.contains("at-low") ? ".low" : ".high");
+const rangeOf = (bar) => [".low", ".high"].map((end) => bar.querySelector(end).valueAsNumber);
+
+function typeEnd(bar, end, value) {
+  const field = bar.querySelector(end);
+  field.value = Number(value.toPrecision(3));
+  field.dispatchEvent(new Event("change"));
+}
+
+function stepEnd(bar, handle, [low, high], event) {
+  const end = endOf(handle);
+  const { key } = event;
+  if (!STEPS[key] && key !== "Home") return;
+  event.preventDefault();
+  const now = bar.querySelector(end).valueAsNumber;
+  moveEnd(bar, end, key === "Home" ? (end === ".low" ? low : high) : now + (STEPS[key] * (high - low)) / 100, high - low);
+}
+
+// An end does not pass the other one; of signed values, whose ends mirror each other, it does not pass zero.
+function moveEnd(bar, end, value, span) {
+  const [low, high] = bar.signed() ? [0, 0] : rangeOf(bar);
+  const room = NARROWEST * span;
+  typeEnd(bar, end, end === ".low" ? Math.min(value, high - room) : Math.max(value, low + room));
+}
+
+// While a handle is held the bar keeps the range that it had, and its colours move in it.
+function connectDrag(bar, handle) {
+  let held = null;
+  handle.addEventListener("pointerdown", (event) => {
+    handle.setPointerCapture(event.pointerId);
+    held = rangeOf(bar);
+    bar.classList.add("held");
+  });
+  handle.addEventListener("pointermove", ({ clientX }) => {
+    if (!held) return;
+    const box = bar.querySelector("canvas").getBoundingClientRect();
+    const [low, high] = held;
+    moveEnd(bar, endOf(handle), low + ((clientX - box.left) / box.width) * (high - low), high - low);
+    const places = rangeOf(bar).map((value) => (value - low) / (high - low));
+    paintColours(bar, ...places);
+    placeHandles(bar, ...places);
+  });
+  const release = () => {
+    held = null;
+    bar.classList.remove("held");
+    paintColours(bar);
+    placeHandles(bar);
   };
-  ENDS.forEach((end) => {
-    const handle = document.createElement("span");
-    Object.assign(handle, { className: `handle ${end}-handle`, tabIndex: 0, role: "slider" });
-    handle.setAttribute("aria-label", input(end).getAttribute("aria-label").replace(" end ", " handle "));
-    handle.addEventListener("keydown", (event) => {
-      const steps = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
-      if (!steps) return;
-      event.preventDefault();
-      const step = roundStep((automatic()[1] - automatic()[0]) / STEPS);
-      set(end, input(end).valueAsNumber + steps * step, step);
-    });
-    connectDrag(handle, bar, (value, span) => set(end, value, roundStep(span / FINE)));
-    bar.querySelector(".handles").append(handle);
-  });
+  handle.addEventListener("lostpointercapture", release);
 }
 
-// While a handle is dragged the bar keeps its numbers, and the colours move between the handles.
-function connectDrag(handle, bar, change) {
-  handle.addEventListener("pointerdown", ({ pointerId, clientX }) => {
-    handle.setPointerCapture(pointerId);
-    const { left, width } = bar.querySelector(".handles").getBoundingClientRect();
-    const place = parseFloat(handle.style.left) / 100;
-    bar.held = { axis: rangeOf(bar), width, grip: clientX - left - place * width, left };
-  });
-  handle.addEventListener("pointermove", ({ pointerId, clientX }) => {
-    if (!handle.hasPointerCapture(pointerId)) return;
-    const { axis: [low, high], left, width, grip } = bar.held;
-    change(low + ((clientX - left - grip) / width) * (high - low), high - low);
-  });
-  handle.addEventListener("lostpointercapture", () => {
-    bar.held = null;
-    markBars();
-  });
-}
-
-// The largest of 1, 2 or 5 times a power of ten that is no more than a number.
-function roundStep(most) {
-  const power = 10 ** Math.floor(Math.log10(most));
-  return [5, 2, 1].map((n) => n * power).find((step) => step <= most * (1 + 1e-9));
-}
-
-const rangeOf = (bar) => (bar.id === "surface-bar" ? shared.range.value : settings.pointRange).slice();
-
-// The numbers that the ends of a bar stand for: those of its colours, but while a handle is held.
-function axisOf(bar) {
-  const [low, high] = rangeOf(bar);
-  const held = bar.held?.axis ?? [low, high];
-  return [Math.min(low, held[0]), Math.max(high, held[1])];
-}
-
-function placeHandles(bar) {
-  const range = rangeOf(bar);
-  const [first, last] = axisOf(bar);
-  const [lowest, highest] = bar.automatic();
-  bar.querySelectorAll(".handle").forEach((handle, k) => {
-    handle.style.left = `${(100 * (range[k] - first)) / (last - first)}%`;
-    const [least, most] = k === 0 ? [Math.min(lowest, first), range[1]] : [range[0], Math.max(highest, last)];
-    const said = { valuemin: least, valuemax: most, valuenow: range[k] };
-    for (const [name, value] of Object.entries(said)) handle.setAttribute(`aria-${name}`, Number(value.toPrecision(3)));
-  });
-  spreadColours(bar, range, [first, last]);
-}
-
-// The colours between the handles, and beyond them those of the ends.
-function spreadColours(bar, [low, high], [first, last]) {
+// The colours between two places of the bar, and those of its ends beyond them.
+function paintColours(bar, from = 0, to = 1) {
   const context = bar.querySelector("canvas").getContext("2d");
   const image = context.createImageData(256, 1);
+  const { data } = textures[bar.dataset.map].image;
   for (let i = 0; i < 256; i++) {
-    const share = (first + ((last - first) * i) / 255 - low) / (high - low);
-    const k = 4 * Math.round(255 * Math.min(1, Math.max(0, share)));
-    image.data.set(textures[bar.dataset.map].image.data.subarray(k, k + 4), 4 * i);
+    const k = 4 * Math.round(255 * Math.min(1, Math.max(0, (i / 255 - from) / (to - from))));
+    image.data.set(data.subarray(k, k + 4), 4 * i);
   }
   context.putImageData(image, 0, 0);
+}
+
+function placeHandles(bar, ...places) {
+  [".at-low", ".at-high"].forEach((which, k) => bar.querySelector(which).style.setProperty("--place", places[k] ?? k));
+}
+
+function noteHandles(bar, range) {
+  [".at-low", ".at-high"].forEach((which, k) => {
+    const others = { "aria-valuenow": range[k], "aria-valuemin": k ? range[0] : -1e6, "aria-valuemax": k ? 1e6 : range[1] };
+    Object.entries(others).forEach(([name, value]) => bar.querySelector(which).setAttribute(name, Number(value.toPrecision(3))));
+  });
 }

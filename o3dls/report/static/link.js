@@ -32,10 +32,7 @@ const STATE = {
   ghost: { read: () => $("ghost").value, write: (text) => choose("ghost", text) },
   translucent: { read: () => $("translucent").value, write: (text) => { if (within(text, 0, 0.9)) slide("translucent", text); } },
   estimates: { read: () => (pair.on ? pair.before : panels).map(({ estimate }) => scene.estimates[estimate].name).join("|"), write: showNamed },
-  fit: {
-    read: () => (isBetween(fitPanel()) ? String(round(fit.at)) : ""),
-    write: (text) => { if (scene.fit && within(text, 0, scene.fit.stops.length - 1)) moveFit(Number(text)); },
-  },
+  fit: { read: () => (panels.some(isMoving) ? $("fit").value : ""), write: fitAt },
   hide: {
     read: () => boxes().filter((box) => !box.checked).map(boxName),
     write: (name) => uncheck(boxes().find((box) => boxName(box) === name)),
@@ -99,6 +96,10 @@ function typeRange(id, text) {
   const typed = $(id).querySelector(".high");
   typed.value = high;
   typed.dispatchEvent(new Event("change"));
+}
+
+function fitAt(text) {
+  if (fit.stops.length > 1 && within(text, 0, fit.stops.length - 1)) slide("fit", text);
 }
 
 function stepNow() {

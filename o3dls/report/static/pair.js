@@ -37,20 +37,19 @@ function setPair(on) {
   host.classList.toggle("pair", on);
   $("pair").setAttribute("aria-pressed", String(on));
   $("shown").hidden = on;
+  $("fitting").hidden = on || fit.stops.length < 2;
   $("pair-tools").hidden = $("divider").hidden = !on;
   setFlicker(false);
   panels.forEach((panel, k) => {
     panel.shown = on ? pairPanels().includes(panel) : pair.before[k].shown;
     panel.figure.hidden = !panel.shown;
     if (!on) setEstimate(panel, pair.before[k].estimate);
-    followEstimate(panel);
   });
   on ? choosePair() : repaint();
 }
 
 function choosePair() {
   pairPanels().forEach((panel, k) => setEstimate(panel, Number([$("pair-left"), $("pair-right")][k].value)));
-  followEstimate(fitPanel());
   repaint();
   keepWhole();
   moveDivider(pair.split);

@@ -40,6 +40,8 @@ function connectToolbar() {
   const isSigned = () => settings.field.map === "signed";
   connectBar("surface-bar", (range) => { shared.range.value = range; paintAllPoints(); }, () => settings.field.range, isSigned);
   connectBar("point-bar", (range) => { settings.pointRange = range; paintAllPoints(); }, () => scene.points.range);
+  connectHandles("surface-bar", () => settings.field.range, isSigned);
+  connectHandles("point-bar", () => scene.points.range);
   window.addEventListener("resize", invalidate);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", invalidate);
 }

@@ -102,3 +102,71 @@ def test_a_saved_picture_has_the_numbers_and_marks(visit: Visit, tmp_path: Path)
     assert 30 < len(rows) < 400  # a triangle, and nothing else
     assert max(np.ptp(rows), np.ptp(columns)) < 40
     assert pictures[0][rows.max() :, :, :3].std() > 0.02  # numbers and name below it
+
+
+def ends(visit: Visit) -> list[float]:
+    return [float(visit.page.locator(f"#surface-bar {end}").input_value()) for end in (".low", ".high")]
+
+
+def test_the_ends_of_the_colours_are_dragged(visit: Visit) -> None:
+    """A fifth of the bar is a fifth of its range, also beyond its end; the two do not pass each other."""
+    type_range(visit, "0", "1")
+    before = visit.picture(0)
+    bar = visit.page.locator("#surface-bar canvas").bounding_box()
+    y, at = bar["y"] + bar["height"] / 2, lambda share: bar["x"] + share * bar["width"]
+
+    def drag(start: float, to: float) -> None:
+        visit.page.mouse.move(at(start), y)
+        visit.page.mouse.down()
+        visit.page.mouse.move(at((start + to) / 2), y)
+        visit.page.mouse.move(at(to), y)
+        visit.page.mouse.up()
+        visit.settle()
+
+    for start, to, wanted in (
+        (0, 0.2, (0.2, 1)),
+        (1, 1.25, (0.2, 1.2)),
+        (0, 2, (1.19, 1.2)),
+        (1, 0.5, (1.19, 1.195)),
+    ):
+        drag(start, to)
+        np.testing.assert_allclose(ends(visit), wanted, atol=0.015)
+    assert np.abs(visit.picture(0) - before).mean() > 1
+    first = visit.page.locator("#surface-bar .handle").first.bounding_box()
+    assert first["x"] + first["width"] / 2 == pytest.approx(at(0), abs=2)  # it is at the end again
+
+
+def test_the_ends_of_the_colours_follow_keys(visit: Visit) -> None:
+    type_range(visit, "0", "10")
+    handle = visit.page.get_by_role("slider", name="Upper threshold of the surface's colours")
+    press_at = visit.page.keyboard.press
+    automatic = visit.page.evaluate(
+        "() => JSON.parse(document.getElementById('scene').textContent).fields[0].range[1]"
+    )
+    handle.focus()
+    press_at("ArrowRight")
+    assert ends(visit)[1] == pytest.approx(10 + automatic / 100, abs=0.06)
+    assert float(handle.get_attribute("aria-valuenow")) == ends(visit)[1]
+    press_at("PageDown")
+    assert ends(visit)[1] < 10
+    press_at("Home")
+    assert ends(visit)[1] == pytest.approx(automatic, rel=0.01)
+    visit.page.select_option("#field", label="displacement, outward positive")
+    visit.page.get_by_role("slider", name="Lower threshold of the surface's colours").press("PageUp")
+    low, high = ends(visit)
+    assert low == -high  # zero keeps the middle of the colours
+
+
+def test_a_handle_of_signed_values_does_not_pass_zero(visit: Visit) -> None:
+    """The ends mirror each other: a low end above zero would be no range."""
+    visit.page.select_option("#field", label="displacement, outward positive")
+    handle, scale = visit.page.locator("#surface-bar .at-low"), visit.page.locator("#surface-bar canvas")
+    handle.scroll_into_view_if_needed()
+    held, bar = handle.bounding_box(), scale.bounding_box()
+    visit.page.mouse.move(held["x"] + held["width"] / 2, held["y"] + held["height"] / 2)
+    visit.page.mouse.down()
+    visit.page.mouse.move(bar["x"] + 0.8 * bar["width"], held["y"] + 8, steps=3)
+    visit.page.mouse.up()
+    low, high = (float(visit.page.locator(f"#surface-bar .{end}").input_value()) for end in ("low", "high"))
+    assert low == -high < 0
+    assert "wrong" not in visit.page.locator("#surface-bar").get_attribute("class")
