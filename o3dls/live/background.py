@@ -48,12 +48,15 @@ class Background:
         self.held_until: float | None = None  # when a fit that is held should go on
 
     def __enter__(self) -> Background:
-        self._start_process()  # started early: its imports take longer than a fit
         return self
 
     def __exit__(self, *error: object) -> None:
         self.go_on()
         self._open.__exit__(SystemExit, SystemExit(), None)  # what runs is not waited for
+
+    def start(self) -> None:
+        """Begin the process before there is a fit, since its imports take longer than one."""
+        self._start_process()
 
     @property
     def seconds(self) -> float | None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..arrays import TINY, Array
+from ..arrays import TINY, Array, Ints
 from ..case import Case, Points
 from ..errors import InputError
 from ..estimate import Estimate
@@ -25,6 +26,7 @@ from ..runs.run import Run
 from ..runs.scoring import provenance
 
 FACES = 10_000
+MOST_FACES = 12_000  # a prior with more is drawn with FACES; to import what reduces it takes seconds
 NAME = "the surface now"
 TYPES = ("eam", "ablation", "inside", "outlier")  # of points that pages show
 NEAR = 5.0  # mm: the end of the colours of points; it stays, so that a colour means one thing all session
@@ -41,10 +43,9 @@ class Display:
 
     def __init__(self, prior: Surface) -> None:
         bare = replace(prior, fields={})
-        self.prior = decimated(bare, FACES, FACES)
+        self.prior = decimated(bare, MOST_FACES, FACES)
         self.identity = secrets.token_hex(4)  # changes with the scene: events `surface` name it
-        _, face, _, self._weights = ClosestPoint(bare.vertices, bare.faces).query(self.prior.vertices)
-        self._corners, self._faces = bare.faces[face], bare.faces
+        self._bare = bare
 
     def scene(self, case: Case, estimate: Estimate | None) -> Event:
         """Make the event that starts the picture: all that the report's viewer reads, no points, and `prior`,
@@ -88,7 +89,7 @@ class Display:
         """Return the estimate with the display's faces and fields; the prior's own where there is none."""
         if estimate is None:
             return Estimate(self.prior, np.eye(4), "no pose yet")
-        if not np.array_equal(estimate.surface.faces, self._faces):
+        if not np.array_equal(estimate.surface.faces, self._bare.faces):
             raise InputError("live: the estimate has other faces than the prior, so it cannot be its motion")
         surface = self.prior.with_vertices(self._carry_values(estimate.surface.vertices))
         fields = {
@@ -101,7 +102,16 @@ class Display:
 
     def _carry_values(self, values: Array) -> Array:
         """Carry values (n, ...) of the prior's vertices to those of the display."""
-        return np.asarray(np.einsum("nk,nk...->n...", self._weights, values[self._corners]))
+        corners, weights = self._places
+        return np.asarray(np.einsum("nk,nk...->n...", weights, values[corners]))
+
+    @cached_property
+    def _places(self) -> tuple[Ints, Array]:
+        """Where the display's vertices lie on the prior: among which of its vertices (n, 3), with which
+        weights (n, 3). The first picture needs none of it, and comes before its compiled loops are there.
+        """
+        _, face, _, weights = ClosestPoint(self._bare.vertices, self._bare.faces).query(self.prior.vertices)
+        return self._bare.faces[face], weights
 
 
 def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from functools import cached_property
 from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -55,7 +56,7 @@ class Engine:
 
     def __init__(self, session: Session, send: Any, inbox: SimpleQueue[Any], background: Background) -> None:
         self.session, self.send, self.inbox, self.background = session, send, inbox, background
-        self.display, self.advisor = Display(session.prior.prior), Advisor(session.prior.prior)
+        self.display = Display(session.prior.prior)
         self.standing = Standing()
         self.fit: FullFit | None = None
         self.now: Current | None = None
@@ -70,13 +71,19 @@ class Engine:
 
     def run(self) -> None:
         """Answer until the other end closes, or the session has ended."""
-        self.send(self.display.scene(self.session.case(), None))
+        self.send(self.display.scene(self.session.case(), None))  # first: all else takes seconds to import
+        self.background.start()
         prepare()
         while self.step():
             pass
         if self.ending:
             shown = None if self.now is None else self.now.estimate.surface.vertices
             self.send(event("last", vertices=shown))
+
+    @cached_property
+    def advisor(self) -> Advisor:
+        """The advisor is made when it is first asked, since nobody waits for it."""
+        return Advisor(self.session.prior.prior)
 
     def step(self) -> bool:
         """Take in what has come, and do what is due; return False once there is no more to do."""

@@ -13,12 +13,13 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
-from ..registration.landmarks import leave_one_out, odd_one
+from ..registration.landmarks import leave_one_out
 from ..report.checks import FAR_LANDMARK
 from ..report.expected import expected_of
 from ..report.mapping.advice import located
 from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated
+from ..stages.trusted_landmarks import contradicted
 from .display import subject_of
 from .messages import Message, number
 
@@ -121,7 +122,7 @@ def far_landmarks(case: Case) -> list[str]:
     if len(names) < 2:
         return []
     gaps = leave_one_out(prior, measured, np.ones(len(names)), scale=False)
-    odd = odd_one(prior, measured, FAR_LANDMARK)
+    odd = contradicted(case)
     order = [odd] if odd is not None else np.flatnonzero(np.nan_to_num(gaps) > FAR_LANDMARK).tolist()
     return [
         f"{names[k]} lies {gaps[k]:.1f} {case.units} from where the others put it: was it marked there?"

@@ -25,6 +25,7 @@ from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
+from ..stages.trusted_landmarks import contradiction_of_landmarks
 from .cross_validation import Folds, ending, too_many
 from .doubts import doubtful_points
 from .mistakes import mistakes
@@ -177,6 +178,7 @@ class Pipeline:
         found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
+        found += contradiction_of_landmarks(case)
         found += doubtful_points(case, estimates[START], final)
         found += [RunWarning("values-missing", f"points: {note}") for note in case.points.notes]
         found += [RunWarning("landmark-names-doubtful", said) for said in case.landmark_doubts()]

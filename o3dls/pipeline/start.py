@@ -14,13 +14,13 @@ from ..arrays import Array
 from ..case import FITTED_TYPES, Case
 from ..errors import SolverError
 from ..estimate import Estimate
-from ..evaluation.distances import landmark_errors
 from ..geometry.shells import wall_thickness
 from ..geometry.similarity import fit_similarity
 from ..io.surfaces import A_WALL
 from ..registration.landmark_names import alone
-from ..registration.landmarks import fix_a_pose
+from ..registration.landmarks import errors, fix_a_pose
 from ..run_warning import RunWarning
+from ..stages.trusted_landmarks import trusted_pairs
 from .doubts import contradiction, other_frame
 
 log = logging.getLogger("o3dls")
@@ -42,13 +42,13 @@ def start_estimate(case: Case) -> Estimate:
     """Return the prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands;
     the status says which.
     """
-    names, prior, measured = case.landmark_pairs()
+    names, prior, measured = trusted_pairs(case)
     if fix_a_pose(prior, measured):
-        start = _place_prior(case, fit_similarity(prior, measured, scale=False), "")
-        error = np.sqrt((landmark_errors(case, start) ** 2).mean())
+        T_map_prior = fit_similarity(prior, measured, scale=False)
+        error = np.sqrt((errors(prior, measured, T_map_prior) ** 2).mean())
         return _place_prior(
             case,
-            start.T_map_prior,
+            T_map_prior,
             f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}",
         )
     why = f"; {len(names)} landmark pairs on one line do not determine a pose" if len(names) >= 3 else ""

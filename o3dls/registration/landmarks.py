@@ -62,30 +62,6 @@ def leave_one_out(prior: Array, measured: Array, weights: Array, *, scale: bool)
     return out
 
 
-def odd_one(prior: Array, measured: Array, far: float) -> int | None:
-    """Return the landmark that contradicts all others: without it they fit twice as well, and they put it
-    farther than `far` from where it was marked. None where there is no such one.
-
-    It need not be the one that is farthest off when it is left out: three others hardly fix a fourth that
-    lies beyond them.
-    """
-    one = np.ones(len(prior))
-    gaps = leave_one_out(prior, measured, one, scale=False)
-    if np.isnan(gaps).all():
-        return None
-    rest = np.full(len(prior), np.inf)
-    for i in np.flatnonzero(~np.isnan(gaps)):
-        others = np.arange(len(prior)) != i
-        rest[i] = _measure_rms(prior[others], measured[others])
-    odd = int(rest.argmin())
-    return odd if gaps[odd] > far and rest[odd] < MUCH_BETTER * _measure_rms(prior, measured) else None
-
-
-def _measure_rms(prior: Array, measured: Array) -> float:
-    matrix = fit_similarity(prior, measured, scale=False)
-    return float(np.sqrt((errors(prior, measured, matrix) ** 2).mean()))
-
-
 def determined(points: Array) -> bool:
     """Say whether points (n, d) fix a rotation: not all on one line in 3D, not all in one place in 2D."""
     d = points.shape[1]

@@ -28,6 +28,7 @@ from .deform_checks import (
 )
 from .deform_data import differences, observed
 from .deform_parameters import DeformParameters
+from .trusted_landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data
@@ -126,7 +127,7 @@ def _is_doubtful(fit: MotionFit) -> bool:
 
 def _landmark_poses(case: Case) -> list[Array]:
     """Return the poses (d+1, d+1) that the landmarks give, rigid and with a scale, if they determine one."""
-    _, prior, measured = case.landmark_pairs()
+    _, prior, measured = trusted_pairs(case)
     if not (determined(prior) and determined(measured)):
         return []
     return [fit_similarity(prior, measured, scale=scale) for scale in (False, True)]

@@ -10,6 +10,7 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..geometry.similarity import rms_radius
 from .deform_parameters import DeformParameters
+from .trusted_landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data
@@ -33,7 +34,7 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
     typical = every.typical_sigma if before is None or before.typical_sigma is None else before.typical_sigma
     rows, same = distinct_places(every.xyz, every.type, near)
     points = every.select(rows)
-    _, marks_prior, marks_map = case.landmark_pairs()
+    _, marks_prior, marks_map = trusted_pairs(case)
     keep = slice(None) if stage.landmarks else slice(0)
     return Data(
         points=points.xyz,

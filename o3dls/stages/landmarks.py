@@ -11,7 +11,7 @@ from ..arrays import Array
 from ..case import Case
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry.similarity import rms_radius
+from ..geometry.similarity import fit_similarity, rms_radius
 from ..plugins.stage import Stage
 from ..registration.landmarks import determined
 
@@ -65,6 +65,7 @@ class Landmarks(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..registration.landmarks import errors, leave_one_out, readings
+        from .trusted_landmarks import contradicted, describe_unused
 
         if why := self.obstacle(case) or self.mistake(case):
             raise InputError(f"case {case.name}: {self.name}: {why}")
@@ -72,20 +73,26 @@ class Landmarks(Stage):
         weights = np.array([self.weights.get(name, 1.0) for name in names])
         found = readings(prior, measured, weights, scale=self.scale)
         _refuse_swapped(case, names, measured, found)
-        named = found[0]
-        misses = errors(prior, measured, named.T_map_prior)
+        T_map_prior, rms, unused = found[0].T_map_prior, found[0].rms, ""
+        if (odd := contradicted(case)) is not None:
+            weights[odd] = 0.0
+            T_map_prior = fit_similarity(prior, measured, weights, scale=self.scale)
+            rms = float(np.sqrt(np.average(errors(prior, measured, T_map_prior) ** 2, weights=weights)))
+            unused = f"; {describe_unused(case, odd)}"
+        pairs = int((weights > 0.0).sum())
+        misses = errors(prior, measured, T_map_prior)
         alone = leave_one_out(prior, measured, weights, scale=self.scale)
         kind = "similarity" if self.scale else "rigid motion"
         return Estimate(
-            surface=case.prior.transformed(named.T_map_prior),
-            T_map_prior=named.T_map_prior,
+            surface=case.prior.transformed(T_map_prior),
+            T_map_prior=T_map_prior,
             status=(
-                f"{kind} from {len(names)} landmarks, rms {named.rms:.2f} "
-                f"{case.units}{_name_worst(names, alone, case.units)}"
+                f"{kind} from {pairs} landmarks, rms {rms:.2f} "
+                f"{case.units}{unused or _name_worst(names, alone, case.units)}"
             ),
             iterations=1,
-            sigma=named.rms,
-            trace=({"pairs": len(names), "rms": named.rms},),
+            sigma=rms,
+            trace=({"pairs": pairs, "rms": rms},),
             facts={"landmarks": _tabulate_errors(names, misses, alone)},
         )
 

@@ -14,7 +14,9 @@ from o3dls.case import Case, Points
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry.similarity import similarity
+from o3dls.io.case_reader import read_case
 from o3dls.live.display import FACES, Display, landmarks
+from o3dls.resources import demo_case
 from tests.finished import Bulge
 from tests.tiny import sphere
 
@@ -138,3 +140,15 @@ def test_a_landmark_of_both_sides_stands_where_it_was_marked() -> None:
     assert landmarks(case, bulged(case)) == [
         {"name": "LSPV", "prior": True, "map": True, "at": [101.0, -29.0, 20.0]}
     ]
+
+
+def test_the_first_picture_waits_for_nothing_that_takes_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page is blank until it has come: neither compiled loops nor the libraries of meshes are needed."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("the first picture needs none of it")
+
+    monkeypatch.setattr("o3dls.live.display.ClosestPoint", refused)
+    monkeypatch.setattr("o3dls.report.surfaces.display._fewer_faces", refused)
+    case = read_case(demo_case())  # as many faces as an atrium has
+    assert Display(case.prior).scene(case, None)["posed"] is False

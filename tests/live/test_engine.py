@@ -17,7 +17,7 @@ from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.io.case_reader import read_case
 from o3dls.live.background import HELD
-from o3dls.live.engine import Engine
+from o3dls.live.engine import CLOSED, Engine
 from o3dls.live.finish import telling
 from o3dls.live.fitting import FullFit, current, full_fit
 from o3dls.live.messages import Message, action
@@ -334,3 +334,19 @@ def test_the_end_of_a_session_tells_how_far_it_is() -> None:
     log.info("later")
     log.setLevel(level)
     assert told == ["begun", "icp: converged"]
+
+
+def test_the_prior_is_shown_before_anything_else_is_begun() -> None:
+    order: list[str] = []
+
+    class Told(Idle):
+        def start(self) -> None:
+            order.append("process")
+
+    inbox: SimpleQueue[Any] = SimpleQueue()
+    inbox.put((CLOSED, None))
+    session = Session(empty(read_case(demo_case())))
+    engine = Engine(session, lambda event: order.append(event["event"]), inbox, Told())  # type: ignore[arg-type]
+    engine.run()
+    assert order[:2] == ["scene", "process"]
+    assert "advisor" not in vars(engine)

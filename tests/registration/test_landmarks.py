@@ -16,7 +16,7 @@ from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.registration.landmarks import Reading, better_reading, determined, explaining_scale, odd_one
+from o3dls.registration.landmarks import Reading, better_reading, determined, explaining_scale
 from o3dls.stages.landmarks import Landmarks
 
 PRIOR = chamber(24)
@@ -161,14 +161,3 @@ def test_two_landmarks_fix_a_pose_in_the_plane() -> None:
     named = Points(xyz, kind.astype(str), {"name": np.array([""] * len(case.points) + list(marks))})
     found = run(replace(case, points=replace(named, xyz=xyz), prior_landmarks=marks))
     assert farthest_effect(found.T_map_prior, truth, case.prior) < 1e-9
-
-
-@pytest.mark.parametrize("wrong", range(4))
-def test_the_landmark_that_contradicts_the_others_is_found(wrong: int) -> None:
-    """Of four, whichever it is; and none where all are as well marked as they can be."""
-    prior = np.array([[20.0, 5, 12], [22, 9, -10], [-20, 6, 12], [-21, 12, -11]])
-    rng = np.random.default_rng(733_201)
-    measured = prior + rng.normal(0.0, 1.5, prior.shape) + [5.0, -3, 8]
-    assert odd_one(prior, measured, 15.0) is None
-    measured[wrong] += [14.0, -21, 9]
-    assert odd_one(prior, measured, 15.0) == wrong
