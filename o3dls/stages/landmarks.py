@@ -103,7 +103,7 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
     from ..registration.landmarks import better_reading, explaining_scale
     from ..registration.match import SurfaceMatcher
 
-    points = case.points.of("eam").xyz
+    points = _list_places(case)
     surface = SurfaceMatcher(case.prior)
 
     def costs(reading: Reading) -> Array:
@@ -130,6 +130,20 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
         "where the points fit better too"
     )
     raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): to fix this, {' and '.join(remedy)}")
+
+
+def _list_places(case: Case) -> Array:
+    """List the places (k, d) of the eam points: many beats of one contact, which may not touch the wall, count
+    once.
+    """
+    from ..noise.duplicates import distinct_places, duplicate_distance
+
+    points = case.points.of("eam").xyz
+    if not len(points):
+        return points
+    kind = np.full(len(points), "eam")
+    within = duplicate_distance(points, kind, rms_radius(case.prior.vertices))
+    return points[distinct_places(points, kind, within)[0]]
 
 
 def _name_worst(names: list[str], alone: Array, units: str) -> str:
