@@ -64,8 +64,8 @@ class Landmarks(Stage):
         return None
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..evaluation.trusted_landmarks import contradicted, describe_unused
         from ..registration.landmarks import errors, leave_one_out, readings
-        from .trusted_landmarks import contradicted, describe_unused
 
         if why := self.obstacle(case) or self.mistake(case):
             raise InputError(f"case {case.name}: {self.name}: {why}")
