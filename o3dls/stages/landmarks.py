@@ -13,9 +13,7 @@ from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..geometry.similarity import fit_similarity, rms_radius
 from ..plugins.stage import Stage
-from ..registration.landmarks import determined, errors
-from ..registration.odd_landmark import odd_landmark
-from ..run_warning import RunWarning
+from ..registration.landmarks import determined
 
 if TYPE_CHECKING:
     from ..registration.landmarks import Reading
@@ -66,6 +64,7 @@ class Landmarks(Stage):
         return None
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..evaluation.trusted_landmarks import contradicted, describe_unused
         from ..registration.landmarks import errors, leave_one_out, readings
 
         if why := self.obstacle(case) or self.mistake(case):
@@ -149,38 +148,3 @@ def _tabulate_errors(names: list[str], misses: Array, alone: Array) -> dict[str,
         name: {"error": float(miss), "leave_one_out": None if np.isnan(out) else float(out)}
         for name, miss, out in zip(names, misses, alone, strict=True)
     }
-
-
-def contradicted(case: Case) -> int | None:
-    """Return the row, among the landmark pairs, of the one that contradicts all others; None where none does.
-
-    Veins of another person are elsewhere, so that nothing is said of the landmarks of a template.
-    """
-    _, prior, measured = case.landmark_pairs()
-    return odd_landmark(prior, measured) if case.prior_of == "patient" else None
-
-
-def trusted_pairs(case: Case) -> tuple[list[str], Array, Array]:
-    """Return what `Case.landmark_pairs` does, without a pair that contradicts all others."""
-    names, prior, measured = case.landmark_pairs()
-    odd = contradicted(case)
-    keep = [k for k in range(len(names)) if k != odd]
-    return [names[k] for k in keep], prior[keep], measured[keep]
-
-
-def contradiction_of_landmarks(case: Case) -> list[RunWarning]:
-    """Return a warning that names the landmark that is not used, where there is one."""
-    odd = contradicted(case)
-    return [] if odd is None else [RunWarning("landmark-not-used", describe_unused(case, odd))]
-
-
-def describe_unused(case: Case, odd: int) -> str:
-    """Say how far a landmark lies from where all others put it."""
-    names, prior, measured = case.landmark_pairs()
-    others = np.arange(len(names)) != odd
-    matrix = fit_similarity(prior[others], measured[others], scale=False)
-    gap = float(errors(prior[[odd]], measured[[odd]], matrix)[0])
-    return (
-        f"the landmark {names[odd]} is not used: it lies {gap:.0f} {case.units} from where the others, which "
-        "agree, put it; was it marked there, and is that its name?"
-    )

@@ -105,15 +105,19 @@ def meta(folder: Path) -> Target:
 def vtp(folder: Path, pack: Callable[[bytes], bytes], name: str) -> Target:
     """The array of points, as base64 behind a head of sizes."""
     path = write_as("vtp", folder, body())
-    text = path.read_text().replace("vtkZLibDataCompressor", name)
+    declared, _, appended = path.read_bytes().partition(b'<AppendedData encoding="raw">\n_')
 
     def again(found: re.Match[str]) -> str:
-        raw = zlib.decompress(base64.b64decode(found[2][44:]))
+        begin = int(found[1])
+        size = int(np.frombuffer(appended, "<u8", 4, begin)[3])
+        raw = zlib.decompress(appended[begin + 32 : begin + 32 + size])
         packed = pack(raw)
         head = np.array([1, len(raw), 0, len(packed)], dtype="<u8").tobytes()
-        return found[1] + base64.b64encode(head).decode() + base64.b64encode(packed).decode()
+        both = base64.b64encode(head).decode() + base64.b64encode(packed).decode()
+        return f'format="binary">{both}</DataArray>'
 
-    text = re.sub(r'(format="binary">)([^<]+)', again, text)
+    text = declared.decode().replace("vtkZLibDataCompressor", name) + "</VTKFile>\n"
+    text = re.sub(r'format="appended" offset="(\d+)"/>', again, text)
     path.write_text(text)
     first = text.index('format="binary">', text.index('Name="Points"')) + len('format="binary">')
     return Target(path, path, first, text.index("<", first))
@@ -276,3 +280,12 @@ def test_packed_voxels_end_with_their_checksum(tmp_path: Path) -> None:
 def test_what_unpacks_in_too_many_parts_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="are no part of them"):
         inflate(tmp_path, zipped(b"") * ((1 << 17) + 1), 100)
+
+
+def test_a_vtp_file_holds_its_packed_arrays_raw_without_a_third_for_base64(tmp_path: Path) -> None:
+    surface = body()
+    path = write_as("vtp", tmp_path, surface)
+    xyz, faces = surface.vertices.astype("<f8"), surface.faces.ravel().astype("<i4")
+    needed = sum(len(zlib.compress(values.tobytes(), 1)) for values in (xyz, faces, *surface.fields.values()))
+    head = path.read_bytes().index(b"<AppendedData")
+    assert needed < path.stat().st_size - head < 1.1 * needed + 1000
