@@ -28,8 +28,8 @@ def occlusion(surface: Surface) -> Array:
     )
     if step == 1:
         return found
-    distance, nearest = cKDTree(at[::step]).query(at, k=NEAREST)
-    weights = 1.0 / (np.asarray(distance) + 1e-6)
+    distance, nearest = map(np.asarray, cKDTree(at[::step]).query(at, k=NEAREST))
+    weights = 1.0 / (distance + 1e-6)
     return np.asarray((weights * found[nearest]).sum(axis=1) / weights.sum(axis=1))
 
 
@@ -40,19 +40,17 @@ def _patches(at: Array, area_vectors: Array) -> tuple[Array, Array]:
     cells = np.column_stack([np.floor(at / side), area_vectors > 0]).astype(np.int64)
     place = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     joined = np.column_stack([areas, areas[:, None] * at, area_vectors])
-    sums: Array = np.column_stack([np.bincount(place, column) for column in joined.T]).astype(np.float64)
-    return np.asarray(sums[:, 1:4] / np.maximum(sums[:, :1], 1e-300)), np.asarray(sums[:, 4:])
+    sums = np.column_stack([np.bincount(place, column) for column in joined.T]).astype(np.float64)
+    return sums[:, 1:4] / np.maximum(sums[:, :1], 1e-300), sums[:, 4:]
 
 
-def _blocked_share(*given: Array) -> Array:
-    """Return the share (n,) that patches, by middles and area vectors (k, 3), take of what
-    places, by vertices and normals (n, 3), face.
-    """
-    at, normals, middles, area_vectors = (np.asarray(part, dtype=np.float32) for part in given)
-    faces = normals @ middles.T - (at * normals).sum(axis=1)[:, None]  # d cos(a)
-    faced = at @ area_vectors.T - (middles * area_vectors).sum(axis=1)  # A d cos(b)
-    squared = (at**2).sum(axis=1)[:, None] + (middles**2).sum(axis=1) - 2 * at @ middles.T
-    areas = np.linalg.norm(area_vectors, axis=1)
+def _blocked_share(at: Array, normals: Array, middles: Array, area_vectors: Array) -> Array:
+    """Return the share (n,) of what each vertex faces that patches take, in single precision."""
+    p, n, c, a = (part.astype(np.float32) for part in (at, normals, middles, area_vectors))
+    faces = n @ c.T - (p * n).sum(axis=1)[:, None]  # d cos(a)
+    faced = p @ a.T - (c * a).sum(axis=1)  # A d cos(b)
+    squared = (p**2).sum(axis=1)[:, None] + (c**2).sum(axis=1) - 2 * p @ c.T
+    areas = np.linalg.norm(a, axis=1)
     np.maximum(squared, 1e-3 * areas + 1e-12, out=squared)  # a vertex in the middle of its own patch
     seen = np.maximum(faces, 0, out=faces)
     seen *= np.maximum(faced, 0, out=faced)

@@ -96,7 +96,7 @@ def test_the_side_of_a_cut_is_in_the_address(visit: Visit, browser: Any) -> None
     choose_cut(visit, "sagittal (x)")
     press(visit, "Show the other side")
     press(visit, "RAO 30")
-    visit.page.wait_for_function("/flipped/.test(location.hash) && /RAO/.test(location.hash)")
+    visit.page.wait_for_function("() => /flipped/.test(location.hash) && /RAO/.test(location.hash)")
     other = Visit(browser, visit.page.url)
     other.settle()
     assert other.page.locator("#view-name").inner_text() == "RAO 30"

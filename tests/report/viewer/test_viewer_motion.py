@@ -87,7 +87,7 @@ def test_colours_are_read_between_two_estimates(visit: Visit) -> None:
 
 def test_a_place_between_is_in_the_address_and_left_for_before_and_after(visit: Visit, browser: Any) -> None:
     move(visit, 1.25)
-    visit.page.wait_for_function("location.hash.includes('fit=1.25')")
+    visit.page.wait_for_function("() => location.hash.includes('fit=1.25')")
     other = Visit(browser, visit.page.url)
     other.settle()
     assert other.page.locator("#fit-name").inner_text() == "25 % from icp to level_set"
