@@ -12,6 +12,7 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
+from ..evaluation.trusted_landmarks import contradicted
 from ..geometry.surface import Surface
 from ..registration.landmarks import leave_one_out
 from ..report.checks import FAR_LANDMARK
@@ -19,7 +20,6 @@ from ..report.expected import expected_of
 from ..report.mapping.advice import located
 from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated
-from ..stages.trusted_landmarks import contradicted
 from .display import subject_of
 from .messages import Message, number
 

@@ -19,13 +19,13 @@ import numpy as np
 from ..case import Case
 from ..errors import InputError, PipelineError, SolverError
 from ..estimate import Estimate
+from ..evaluation.trusted_landmarks import contradiction_of_landmarks
 from ..plugins.stage import Stage
 from ..run_warning import RunWarning, each_once, of_stage
 from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
-from ..stages.trusted_landmarks import contradiction_of_landmarks
 from .cross_validation import Folds, ending, too_many
 from .doubts import doubtful_points
 from .mistakes import mistakes

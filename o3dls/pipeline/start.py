@@ -14,13 +14,13 @@ from ..arrays import Array
 from ..case import FITTED_TYPES, Case
 from ..errors import SolverError
 from ..estimate import Estimate
+from ..evaluation.trusted_landmarks import trusted_pairs
 from ..geometry.shells import wall_thickness
 from ..geometry.similarity import fit_similarity
 from ..io.surfaces import A_WALL
 from ..registration.landmark_names import alone
 from ..registration.landmarks import errors, fix_a_pose
 from ..run_warning import RunWarning
-from ..stages.trusted_landmarks import trusted_pairs
 from .doubts import contradiction
 
 log = logging.getLogger("o3dls")

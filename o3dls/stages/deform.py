@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
+from ..evaluation.trusted_landmarks import trusted_pairs
 from ..geometry.similarity import fit_similarity
 from ..geometry.surface import Surface
 from ..registration.landmarks import determined
@@ -28,7 +29,6 @@ from .deform_checks import (
 )
 from .deform_data import differences, observed
 from .deform_parameters import DeformParameters
-from .trusted_landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data

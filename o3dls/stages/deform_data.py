@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..case import Case, Points
+from ..evaluation.trusted_landmarks import trusted_pairs
 from ..geometry.similarity import rms_radius
 from .deform_parameters import DeformParameters
-from .trusted_landmarks import trusted_pairs
 
 if TYPE_CHECKING:
     from ..motion.field.observations import Data

@@ -64,8 +64,8 @@ class Landmarks(Stage):
         return None
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..evaluation.trusted_landmarks import contradicted, describe_unused
         from ..registration.landmarks import errors, leave_one_out, readings
-        from .trusted_landmarks import contradicted, describe_unused
 
         if why := self.obstacle(case) or self.mistake(case):
             raise InputError(f"case {case.name}: {self.name}: {why}")
@@ -133,8 +133,8 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
 
 
 def _list_places(case: Case) -> Array:
-    """List the places (k, d) of the eam points: many beats of one contact, which may not touch the wall, count
-    once.
+    """List the places (k, d) of the eam points: many beats of one contact, which may not touch the wall,
+    count once.
     """
     from ..noise.duplicates import distinct_places, duplicate_distance
 

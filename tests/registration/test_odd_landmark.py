@@ -11,6 +11,7 @@ from chamber import chamber, farthest_effect, measured, pose
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
+from o3dls.evaluation.trusted_landmarks import trusted_pairs
 from o3dls.geometry.similarity import apply
 from o3dls.live.standing import far_landmarks
 from o3dls.pipeline.pipeline import Pipeline
@@ -19,7 +20,6 @@ from o3dls.registration.odd_landmark import odd_landmark
 from o3dls.stages.deform import Deform
 from o3dls.stages.deform_data import observed
 from o3dls.stages.landmarks import Landmarks
-from o3dls.stages.trusted_landmarks import trusted_pairs
 
 # of an atrium, in mm: four ostia, appendage, mitral valve, a middle vein, the roof
 PLACES = np.array(
