@@ -149,6 +149,6 @@ def test_the_first_picture_waits_for_nothing_that_takes_seconds(monkeypatch: pyt
         raise AssertionError("the first picture needs none of it")
 
     monkeypatch.setattr("o3dls.live.display.ClosestPoint", refused)
-    monkeypatch.setattr("o3dls.report.surfaces.display._fewer_faces", refused)
+    monkeypatch.setattr("o3dls.report.surfaces.display.reduced", refused)
     case = read_case(demo_case())  # as many faces as an atrium has
     assert Display(case.prior).scene(case, None)["posed"] is False
