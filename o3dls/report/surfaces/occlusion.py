@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
 from ...arrays import Array
 from ...geometry.surface import Surface
+from ...parallel import by_rows
 
 PATCHES = 300  # about so many parts of the wall stand for all of it
 RECEIVERS = 5000  # more vertices take their value from the nearest of so many
 NEAREST = 4
+LEAST = 1000  # vertices that a thread is worth
 
 
 def occlusion(surface: Surface) -> Array:
@@ -45,14 +48,25 @@ def _patches(at: Array, area_vectors: Array) -> tuple[Array, Array]:
 
 
 def _blocked_share(at: Array, normals: Array, middles: Array, area_vectors: Array) -> Array:
-    """Return the share (n,) of what each vertex faces that patches take, in single precision."""
-    p, n, c, a = (part.astype(np.float32) for part in (at, normals, middles, area_vectors))
-    faces = n @ c.T - (p * n).sum(axis=1)[:, None]  # d cos(a)
-    faced = p @ a.T - (c * a).sum(axis=1)  # A d cos(b)
-    squared = (p**2).sum(axis=1)[:, None] + (c**2).sum(axis=1) - 2 * p @ c.T
-    areas = np.linalg.norm(a, axis=1)
-    np.maximum(squared, 1e-3 * areas + 1e-12, out=squared)  # a vertex in the middle of its own patch
-    seen = np.maximum(faces, 0, out=faces)
-    seen *= np.maximum(faced, 0, out=faced)
-    seen /= squared * (np.float32(np.pi) * squared + areas)
-    return np.asarray(np.minimum(seen.sum(axis=1), 1.0), dtype=np.float64)
+    """Return the share (n,) of what each vertex faces that patches take."""
+    found = np.empty(len(at))
+    by_rows(_add_patches, LEAST, (at, normals, found), middles, area_vectors)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _add_patches(at, normals, found, middles, area_vectors):  # type: ignore[no-untyped-def]
+    for i in range(len(at)):
+        x, y, z = at[i, 0], at[i, 1], at[i, 2]
+        share = 0.0
+        for k in range(len(middles)):
+            u, v, w = middles[k, 0] - x, middles[k, 1] - y, middles[k, 2] - z
+            faces = normals[i, 0] * u + normals[i, 1] * v + normals[i, 2] * w  # d cos(a)
+            a, b, c = area_vectors[k, 0], area_vectors[k, 1], area_vectors[k, 2]
+            faced = -(a * u + b * v + c * w)  # A d cos(b)
+            if faces > 0.0 and faced > 0.0:
+                area = np.sqrt(a * a + b * b + c * c)
+                # a vertex may be in the middle of its own patch
+                squared = max(u * u + v * v + w * w, 1e-3 * area + 1e-12)
+                share += faces * faced / (squared * (np.pi * squared + area))
+        found[i] = min(share, 1.0)
