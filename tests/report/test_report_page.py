@@ -357,7 +357,7 @@ def test_keyboard_reaches_every_control(visit: Visit) -> None:
         visit.page.keyboard.press("Tab")
         reached.add(
             visit.page.evaluate(
-                "(({ activeElement: a }) => a.id || a.textContent.trim() || a.className)(document)"
+                "(({ activeElement: a }) => a.id || a.textContent.trim() || `${a.classList}`)(document)"
             )
         )
     assert {
