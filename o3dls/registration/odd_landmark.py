@@ -44,12 +44,12 @@ def odd_landmark(prior: Array, measured: Array) -> int | None:
 
 def _exceeds_noise(whole: float, rest: float, prior: Array) -> bool:
     """Say whether the fall of the sum of squares is beyond what chance gives the worst of n landmarks."""
-    from scipy.stats import f
+    from scipy.special import fdtrc  # of scipy.stats, whose import takes a quarter of a second, it is f.sf
 
     count, d = prior.shape
     freedom = _freedom(count - 1, d)
     ratio = (whole - rest) / d / (float(_spread(rest, prior)) / freedom)
-    return bool(f.sf(ratio, d, freedom) * count < CHANCE)
+    return bool(fdtrc(d, freedom, ratio) * count < CHANCE)
 
 
 def _spread(rest: Array | float, prior: Array) -> Array:
