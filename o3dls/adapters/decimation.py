@@ -18,8 +18,8 @@ def reduced(surface: Surface, faces: int) -> Surface:
     """Return a surface in 3D of about so many faces, without fields; closed and of the same topology where
     the surface is closed.
 
-    By fast-quadric-mesh-simplification (Garland and Heckbert 1997), ten times as fast as those that keep the
-    topology; one of these takes over where it was lost.
+    By quadrics (Garland and Heckbert 1997) without regard to the topology, which is quick; where it was lost,
+    by a method that keeps it.
     """
     from fast_simplification import simplify
 
@@ -50,7 +50,7 @@ def with_working_prior(case: Case) -> tuple[Case, tuple[RunWarning, ...]]:
 
     small = reduced(prior, MOST_FACES)
     said = (
-        f"the prior has {len(prior.faces)} faces, more than a fit can use: it was reduced to "
-        f"{len(small.faces)}, and every estimate has these"
+        f"the prior has {len(prior.faces)} faces, more than a fit can use: a copy with {len(small.faces)} "
+        "was fitted, and every estimate has these; your file is not changed"
     )
     return replace(case, prior=carry_fields(prior, small)), (RunWarning("prior-reduced", said),)

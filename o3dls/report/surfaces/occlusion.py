@@ -11,7 +11,7 @@ from ...geometry.surface import Surface
 from ...parallel import by_rows
 
 PATCHES = 300  # about so many parts of the wall stand for all of it
-RECEIVERS = 5000  # more vertices take their value from the nearest of so many
+RECEIVERS = 20_000  # more vertices take their value from the nearest of so many
 NEAREST = 4
 LEAST = 1000  # vertices that a thread is worth
 
