@@ -8,7 +8,8 @@ import ctypes
 import os
 import sys
 from collections.abc import Mapping
-from importlib.util import find_spec
+from importlib import import_module
+from importlib.util import LazyLoader, find_spec, module_from_spec
 
 from ..errors import InputError
 
@@ -23,6 +24,8 @@ USUAL = {"OPENBLAS_NUM_THREADS": "1"}
 FIXED = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
 WHOLE = {"NUMBA_NUM_THREADS": 1, "SOURCE_DATE_EPOCH": 0}  # the least of each
 MOST_DIGITS = 10
+# scipy lists all of numpy, and so runs these: a tenth of the time that imports take
+LISTED = ("numpy.f2py", "numpy.testing")
 
 
 def open_streams() -> None:
@@ -45,6 +48,19 @@ def settle_variables() -> None:
     for name, value in USUAL.items():
         os.environ.setdefault(name, value)
     os.environ.update(FIXED)
+
+
+def delay_unused() -> None:
+    """Let modules that libraries import and never use run at their first use; those that have run stay."""
+    for name in LISTED:
+        spec = None if name in sys.modules else find_spec(name)
+        if spec is None or spec.loader is None:
+            continue
+        spec.loader = LazyLoader(spec.loader)
+        module = sys.modules[name] = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        package, _, child = name.rpartition(".")
+        setattr(import_module(package), child, module)
 
 
 def check_environment(variables: Mapping[str, str] = os.environ) -> None:

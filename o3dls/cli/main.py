@@ -7,7 +7,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from .environment import open_streams, settle_variables
+from .environment import delay_unused, open_streams, settle_variables
 from .interrupts import Interrupted, heeded, listen, too_late
 
 # between two garbage collections; Python's 700 is too few: most objects live to the end, and collecting takes
@@ -27,6 +27,7 @@ def main() -> None:
             from .terminal import prepare
 
         protect_path()
+        delay_unused()
         prepare()
         code = answer(sys.argv[1:])
         too_late()

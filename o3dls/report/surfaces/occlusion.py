@@ -41,7 +41,9 @@ def _patches(at: Array, area_vectors: Array) -> tuple[Array, Array]:
     areas = np.linalg.norm(area_vectors, axis=1)
     side = np.sqrt(areas.sum() / PATCHES)
     cells = np.column_stack([np.floor(at / side), area_vectors > 0]).astype(np.int64)
-    place = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    cells -= cells.min(axis=0)
+    key = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    place = np.unique(key, return_inverse=True)[1]
     joined = np.column_stack([areas, areas[:, None] * at, area_vectors])
     sums = np.column_stack([np.bincount(place, column) for column in joined.T]).astype(np.float64)
     return sums[:, 1:4] / np.maximum(sums[:, :1], 1e-300), sums[:, 4:]
