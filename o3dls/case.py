@@ -60,7 +60,7 @@ class Points:
                 raise InputError(
                     f"points: column '{name}' has shape {values.shape}: there are {len(self)} points"
                 )
-        for kind in set(self.type) - set(POINT_TYPES):
+        for kind in set(self.type.tolist()) - set(POINT_TYPES):
             raise InputError(
                 f"points: '{kind}' is not a type of point" + did_you_mean(str(kind), list(POINT_TYPES))
             )

@@ -95,6 +95,12 @@ def spatial_blocks(positions: Array) -> Ints:
     """Return the block number (n,) of each point: up to 60 blocks of some 5 points (2 where points are few),
     around points far from one another.
     """
+    return _divide_into_blocks(positions.tobytes(), positions.shape[1], positions.dtype.str)
+
+
+@lru_cache(maxsize=16)  # estimates are compared at the same points
+def _divide_into_blocks(data: bytes, dimension: int, kind: str) -> Ints:
+    positions = np.frombuffer(data, dtype=kind).reshape(-1, dimension)
     count = max(1, min(len(positions) // 2, max(FEWEST_BLOCKS, len(positions) // PER_BLOCK), MOST_BLOCKS))
     nearest = np.full(len(positions), np.inf)
     labels = np.zeros(len(positions), dtype=np.int64)
