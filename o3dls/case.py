@@ -1,6 +1,4 @@
-"""What is known before anything is fitted: the prior, the points, the landmarks; and, kept apart, the
-truth.
-"""
+"""What is known before anything is fitted: the prior, points, landmarks; and, kept apart, the truth."""
 
 from __future__ import annotations
 
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, without_masked
+from .columns import order_of
 from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
@@ -35,8 +34,8 @@ BEST = 0.02  # least relative noise of a point: it holds the surface as firmly a
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points are what was measured: xyz (n, d) in the map frame, type (n,), further columns (n,) by name
-    (numbers, NaN = missing, or text); order (n,): when each was taken: as they come, and the same when some
-    are left out. notes: sentences on numbers that stood for none in a column, and are NaN now.
+    (numbers, NaN = missing, or text); order (n,): when each was taken: by `time`, else as they come, and the
+    same when some are left out. notes: sentences on numbers that stood for none in a column.
 
     Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
     """
@@ -55,7 +54,8 @@ class Points:
         object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *said))))
         if self.xyz.ndim != 2:
             raise InputError(f"points: xyz has shape {self.xyz.shape}: must be (n, 2) or (n, 3)")
-        for name, values in {"type": self.type, "order": self.taken, **self.columns}.items():
+        given = self.xyz if self.order is None else self.order
+        for name, values in {"type": self.type, "order": given, **self.columns}.items():
             if values.shape[:1] != (len(self),):
                 raise InputError(
                     f"points: column '{name}' has shape {values.shape}: there are {len(self)} points"
@@ -85,10 +85,10 @@ class Points:
         """The points of the given types, in file order."""
         return self.select(np.isin(self.type, types))
 
-    @property
+    @cached_property
     def taken(self) -> Array:
         """When each point (n,) was taken: its place in the order of all of them."""
-        return np.arange(float(len(self))) if self.order is None else self.order
+        return order_of(self.columns, self.type) if self.order is None else self.order
 
     @cached_property
     def typical_sigma(self) -> float | None:

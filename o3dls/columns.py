@@ -8,6 +8,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array
 from .errors import InputError
 
 AXIS_FORMS: tuple[str, ...] = ("pos {}", "{} pos", "pos{}", "position {}", "{} position", "point {}")
@@ -44,7 +48,8 @@ DOUBTFUL = {
     "voltages": "bipolar or unipolar",
     "amplitude": "bipolar or unipolar",
 }
-DOUBTFUL |= {"spannung": "bipolar or unipolar", "time": "a lat or the time of the point"}
+DOUBTFUL |= {"spannung": "bipolar or unipolar"}
+TIME = "time"  # column: when a point was taken
 
 
 class Meaning(NamedTuple):
@@ -127,6 +132,32 @@ def described(heading: str, name: str, kind: str) -> str:
         scaled = meaning_of(heading)
         by = f", times {scaled.factor:g}" if scaled and scaled.factor != 1.0 else ""
         return f"taken as {name}{by}"
+    if _says_time(name) and kind not in "US":
+        return f"taken as the order of the points; if it is a lat, say --columns lat={heading}"
     doubt = DOUBTFUL.get(name.strip().casefold())
     asked = f"; if it is {doubt}, say --columns NAME={heading}" if doubt else ""
     return f"kept as {'text' if kind in 'US' else 'numbers'}, and not used{asked}"
+
+
+def times_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Array | None:
+    """Return when each point (n,) was taken, by the column `time`: landmarks without one come first, other
+    points last. None where a mapping point has none, or one is below 0, as activation times are.
+    """
+    values = next((values for name, values in columns.items() if _says_time(name)), None)
+    if values is None or values.dtype.kind not in "fiu":
+        return None
+    times = np.asarray(values, dtype=np.float64)
+    if not (times[kinds == "eam"] >= 0.0).all():
+        return None
+    return np.where(np.isnan(times), np.where(kinds == "landmark", -np.inf, np.inf), times)
+
+
+def _says_time(name: str) -> bool:
+    return name.strip().casefold() == TIME
+
+
+def order_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Array:
+    """Return the place of each point (n,) in the order of taking: as they come, without times."""
+    times = times_of(columns, kinds)
+    rows = np.arange(len(kinds)) if times is None else np.argsort(times, kind="stable")
+    return np.argsort(rows).astype(np.float64)

@@ -88,19 +88,23 @@ class MapShift:
             "total": self.total,
         }
 
-    def sentence(self, unit: str) -> str:
-        """Return which points are shifted, by how much and where to."""
+    def sentence(self, unit: str, begin: float | None = None) -> str:
+        """Return which points are shifted, by how much and where to. begin: the time of the first of them,
+        where points have one.
+        """
         length = float(np.linalg.norm(self.offset))
         spread = float(np.sqrt((self.sd**2).mean()))
         along, offset = _format_numbers(self.offset / length, 2), _format_numbers(self.offset, 1)
         return (
-            f"{self.points} of {self.total} points, {self._describe_part(unit)}, lie {length:.1f} {unit} "
-            f"off the others, along ({along}), offset ({offset}) "
+            f"{self.points} of {self.total} points, {self._describe_part(unit, begin)}, lie {length:.1f} "
+            f"{unit} off the others, along ({along}), offset ({offset}) "
             f"± {spread:.1f} {unit} (evidence {self.evidence:.0f} nats)"
         )
 
-    def _describe_part(self, unit: str) -> str:
+    def _describe_part(self, unit: str, begin: float | None) -> str:
         part = self.part
+        if part.direction is None and begin is not None:
+            return f"those taken from time {begin:g} on"
         if part.direction is None:
             first = int(np.floor(part.beyond)) + 2
             return f"those taken from point {first} of the file on"

@@ -60,7 +60,7 @@ class Deform(DeformParameters):
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
             *point_warnings(best, len(best.problem.data.points), found.status, case.units),
-            *shifted(shift, case.units, taken_out=taken_out),
+            *shifted(shift, case, taken_out=taken_out),
             *motion_warnings(best, start.surface, found.surface, case.units),
             *another_heart(case, best),
             *self._single_start(case),

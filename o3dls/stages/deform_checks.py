@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import Case, Points
+from ..columns import times_of
 from ..errors import SolverError
 from ..geometry.similarity import apply
 from ..geometry.surface import Surface
@@ -84,12 +85,15 @@ def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
     return [RunWarning("prior-of-another", sentence)]
 
 
-def shifted(shift: MapShift | None, unit: str, *, taken_out: bool) -> list[RunWarning]:
+def shifted(shift: MapShift | None, case: Case, *, taken_out: bool) -> list[RunWarning]:
     """Warn of a part of the map that is shifted, and say what was done with its offset."""
     if shift is None:
         return []
     done = "the offset was taken out" if taken_out else 'deform.map_shift = "fit" takes the offset out'
-    sentence = f"{shift.sentence(unit)}: did the patient move, or the reference slip? {done}"
+    times = times_of(case.points.columns, case.points.type)
+    later = case.points.taken > shift.part.beyond
+    begin = None if times is None else float(times[later].min(initial=np.inf))
+    sentence = f"{shift.sentence(case.units, begin)}: did the patient move, or the reference slip? {done}"
     return [RunWarning("map-shift", sentence)]
 
 

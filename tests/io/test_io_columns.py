@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -160,3 +161,26 @@ def test_every_alias_means_one_column() -> None:
     assert len(every) == len(set(every))
     assert not set(every) & ALIASES.keys()
     assert all(NAMES[alias] == name for name, aliases in ALIASES.items() for alias in aliases)
+
+
+@pytest.mark.parametrize("heading", ["time", "Time"])
+def test_a_time_is_said_to_be_the_order_and_may_be_a_lat_on_demand(
+    heading: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "o3dls")
+    path = table(tmp_path / "p.csv", f"x,y,z,{heading}", *XYZ.T, np.arange(len(XYZ))[::-1])
+    write_surface(tmp_path / "prior.ply", CASE.prior, units="mm")
+    make = ("init", tmp_path / "case", "--prior", tmp_path / "prior.ply", "--points", path)
+    code, said = said_by(*make)
+    assert code == 0, said
+    found = re.search(
+        rf"{heading}\s+taken as the order of the points; if it is a lat, say (--.*)", caplog.text
+    )
+    assert found, caplog.text
+    assert o3dls.read_case(tmp_path / "case").points.taken.tolist() == [*range(len(XYZ))][::-1]
+    code, said = said_by(*make, *found[1].split(), "--force")
+    assert code == 0, said
+    assert "taken as lat" in caplog.text
+    points = o3dls.read_case(tmp_path / "case").points
+    assert points.columns["lat"].tolist() == [*range(len(XYZ))][::-1]
+    assert points.taken.tolist() == [*range(len(XYZ))]

@@ -67,6 +67,27 @@ def test_a_shifted_part_is_named_and_nothing_else_is_done() -> None:
     assert said.corrected(case) is case
 
 
+def by_place(case: Case, times: Array) -> Case:
+    """The case with times (n,), its rows sorted by place."""
+    rows = np.argsort(case.points.xyz[:, 0])
+    points = Points(case.points.xyz[rows], case.points.type[rows], {"time": times[rows]})
+    return replace(case, points=points)
+
+
+def test_points_are_taken_at_their_times_and_not_as_rows_come() -> None:
+    case = case_of(OFFSET)
+    seconds = np.where(case.points.type == "eam", 3.0 * np.arange(len(case.points)), np.nan)
+    sorted_ = by_place(case, seconds)
+    (warning,) = (one for one in fitted(sorted_).warnings if one.code == "map-shift")
+    assert f"of {COUNT} points, those taken from time 330 on, lie" in warning.sentence
+    some = sorted_.points.select(np.arange(0, len(sorted_.points), 2))
+    assert (np.diff(some.taken[np.argsort(some.numbers("time"), kind="stable")]) > 0).all()
+    # numbers below 0 are no times, and a map of which a point has none is as the rows come
+    for unusable in (seconds - 200.0, np.where(np.arange(len(seconds)) == 7, np.nan, seconds)):
+        points = by_place(case, unusable).points
+        assert np.array_equal(points.taken, np.arange(len(points)))
+
+
 def test_with_the_offset_taken_out_the_surface_is_that_of_the_whole_map() -> None:
     case, whole = case_of(OFFSET), case_of(np.zeros(3))
     found, without = fitted(case, map_shift="fit"), fitted(whole)

@@ -11,13 +11,12 @@ from time import monotonic
 import numpy as np
 
 from ...arrays import Array
+from ...columns import TIME
 from ...errors import InputError
 from ...io.points import read_points
 from ..messages import Message
 from ..session import taken
 from .source import Desk, identity
-
-TIME = "time"  # column of seconds
 
 
 class Replay:
