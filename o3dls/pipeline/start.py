@@ -1,6 +1,4 @@
-"""Where a run begins: the rough pose that comes with the case, and whether points and prior can belong
-together at all.
-"""
+"""Where a run begins: the rough pose of the case, and whether points and prior can belong together."""
 
 from __future__ import annotations
 
@@ -121,29 +119,32 @@ def _gives_pose(case: Case) -> bool:
 
 
 def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarning]:
-    """Return a warning where no landmarks determine the start pose and the points fit the prior clearly
-    better in another one: an `init` of another frame leads to a surface that looks right, since a motion can
-    make up for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
+    """Return a warning where the points fit the prior clearly better in another pose than landmarks or `init`
+    give: one of another frame leads to a surface that looks right, since a motion can make up for a turned
+    chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
     """
-    if fix_a_pose(*case.landmark_pairs()[1:]) or (sound and sound == start_digest(case)):
+    if sound and sound == start_digest(case):
         return []
     if not (better := _better_pose(case, start)):
         return []
-    why = "; ".join(filter(None, (better, other_frame(case, start))))
+    other = "" if fix_a_pose(*case.landmark_pairs()[1:]) else other_frame(case, start)
+    why = "; ".join(filter(None, (better, other)))
     return [RunWarning("start-pose-doubtful", f"the start may be wrong: {why}")]
 
 
 def _better_pose(case: Case, start: Estimate) -> str:
     """Return a sentence where the points fit the prior, or its mirror image, clearly better in another pose
-    than in the one that ICP finds from the start.
+    than in the one that ICP finds from the start; beside landmarks only the mirror image is tried.
     """
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_places
-    from ..stages.pose_checks import better_pose, own_pose
+    from ..stages.pose_checks import better_pose, mirrored_sides, own_pose
 
     icp = ICP()
     points, _ = fitted_places(case)
     surface = SurfaceMatcher(case.prior)
+    if fix_a_pose(*case.landmark_pairs()[1:]):
+        return mirrored_sides(case, points, surface)
     found = icp.aligned(points, surface, start.T_map_prior)
     some, own = own_pose(points, surface, found, lambda xyz, T: icp.aligned(xyz, surface, T))
     return better_pose(case.units, some, surface, own, scale=icp.scale)

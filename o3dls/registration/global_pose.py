@@ -67,12 +67,17 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
 def _refine_pose(
     points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool
 ) -> Candidate | None:
-    """Refine a pose by ICP; return None where ICP cannot go on from it."""
+    """Refine a pose that a search found; return None where ICP cannot go on from it."""
+    return refined(points, surface, found.T_map_prior(row, scale=scale), scale=scale)
+
+
+def refined(points: Array, surface: SurfaceMatcher, T_map_prior: Array, *, scale: bool) -> Candidate | None:
+    """Refine a pose (d+1, d+1) by ICP; return None where ICP cannot go on from it."""
     try:
         alignment = align(
             points,
             surface,
-            found.T_map_prior(row, scale=scale),
+            T_map_prior,
             metric=point_to_plane,
             belief=wall_or_cavity(surface.radius),
             freedom=Freedom(scale, 0.1, (0.5, 2.0)),

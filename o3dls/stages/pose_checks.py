@@ -10,6 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..arrays import Array, Ints
+    from ..case import Case
     from ..registration.global_pose import Candidate
     from ..registration.icp import Alignment
     from ..registration.match import SurfaceMatcher
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
 STARTS = 800  # rotations that a search tries
 ENOUGH = 1000  # places that tell one pose from another: more take time and change no answer
 SEED = 61_409
+NEARLY = 1.1  # times the cost of the prior as named: a mirror image that costs more is not tried
 MATERIAL = 0.01  # rms radii: poses whose points lie closer to the wall than this fit it alike
 CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
+QUESTIONED = 0.97  # ... and is asked about beside landmarks: right ones had .955 at most
 
 
 def asked_places(count: int) -> Ints:
@@ -41,12 +44,14 @@ def clearly_better(costs: Array, than: Array, points: Array, radius: float) -> b
     return float((than - costs).mean()) >= least and confidence(costs, than, points) > CERTAIN
 
 
-def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
+def better_mirrored(
+    unit: str, points: Array, best: Candidate, other: Candidate, certain: float = CERTAIN
+) -> str:
     """Return a sentence where the mirror image of the prior fits clearly better than the prior."""
     from ..registration.global_pose import confidence
 
     sure = confidence(other.costs, best.costs, points)
-    if sure <= CERTAIN:
+    if sure <= certain:
         return ""
     gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
     return (
@@ -94,3 +99,29 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, own: Candidat
         return ""
     turned = f"ICP ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
     return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"
+
+
+def mirrored_sides(case: Case, points: Array, surface: SurfaceMatcher) -> str:
+    """Return a sentence where the points (n, d) fit the mirror image of the prior clearly better, with other
+    names of its landmarks. The ostia of an atrium are nearly symmetrical: of a flipped prior whose veins are
+    named by the side where they seem to be the landmarks fit, and its motion makes up for the rest.
+    """
+    from ..registration.global_pose import mirrored, refined, robust_costs
+    from ..registration.landmarks import AS_GOOD, Reading, readings
+
+    def cost(one: Reading) -> float:
+        return float(robust_costs(surface.match(points, one.T_map_prior).distances, surface.radius).mean())
+
+    names, prior, measured = case.landmark_pairs()
+    points = points[asked_places(len(points))]
+    named, *others = readings(prior, measured, np.ones(len(names)), scale=False)
+    rivals = [one for one in others if one.mirrored and one.exchanged and one.rms <= AS_GOOD * named.rms]
+    best = min(rivals, key=cost, default=None)
+    if best is None or cost(best) > NEARLY * cost(named):
+        return ""
+    flip = np.diag([-1.0, *np.ones(prior.shape[1])])
+    own = refined(points, surface, named.T_map_prior, scale=True)
+    found = refined(points, mirrored(surface), best.T_map_prior @ flip, scale=True)
+    better = own and found and better_mirrored(case.units, points, own, found, QUESTIONED)
+    mixed = " and ".join(names[k] for k in best.exchanged)
+    return f"{better}, and correct the names of its landmarks {mixed}, which fit both" if better else ""

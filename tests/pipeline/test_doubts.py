@@ -53,6 +53,12 @@ def started_in_the_other_frame(case: Case, turned: str, degrees: float) -> Case:
     return changed(case, lambda xyz: apply(TURN, xyz))
 
 
+def with_noisy_marks(case: Case, noise: float, rng: np.random.Generator) -> Case:
+    marks = (case.points.type == "landmark")[:, None]
+    xyz = case.points.xyz + marks * rng.normal(0.0, noise, case.points.xyz.shape)
+    return replace(case, points=replace(case.points, xyz=xyz))
+
+
 def beats_at(case: Case, place: Array) -> Case:
     """The case and 2000 beats of one contact."""
     rng = np.random.default_rng(SEED)
@@ -184,10 +190,7 @@ def test_two_thousand_beats_of_one_contact_inside_do_not_move_the_wall() -> None
 @pytest.mark.parametrize("seed", [1, 4])
 def test_two_thousand_beats_8_mm_inside_do_not_make_the_landmarks_look_swapped(seed: int) -> None:
     rng, at = np.random.default_rng(1000 + seed), pose(30.0, 40.0, seed=seed)
-    case = measured(PRIOR, at, noise=1.5)
-    marks = (case.points.type == "landmark")[:, None]
-    noisy = case.points.xyz + marks * rng.normal(0.0, 1.7, case.points.xyz.shape)
-    case = replace(case, points=replace(case.points, xyz=noisy))
+    case = with_noisy_marks(measured(PRIOR, at, noise=1.5), 1.7, rng)
     moved = PRIOR.transformed(at)
     contact = int(rng.integers(len(moved.vertices)))
     more = beats_at(case, moved.vertices[contact] - 8.0 * moved.vertex_normals[contact])
@@ -234,3 +237,24 @@ def test_left_and_right_exchanged_are_not_blamed_on_the_frame(degrees: float) ->
     marks = {{"L": "R", "R": "L"}[name[0]] + name[1:]: at for name, at in case.prior_landmarks.items()}
     with pytest.raises(InputError, match="seem to be swapped"):
         Pipeline([Landmarks(), ICP()], folds=0).run(replace(case, prior_landmarks=marks))
+
+
+@pytest.mark.parametrize("degrees", [5.0, 40.0])
+@pytest.mark.parametrize("flipped", [True, False])
+def test_a_flipped_prior_is_told_though_its_landmarks_are_named_by_the_side_where_they_seem_to_be(
+    degrees: float, flipped: bool
+) -> None:
+    case = with_noisy_marks(measured(PRIOR, pose(degrees, 8.0), noise=1.5), 2.5, np.random.default_rng(SEED))
+    if flipped:
+        flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+        marks = {
+            {"L": "R", "R": "L"}[name[0]] + name[1:]: apply(flip, at[None])[0]
+            for name, at in case.prior_landmarks.items()
+        }
+        case = replace(case, prior=PRIOR.transformed(flip), prior_landmarks=marks)
+    run = Pipeline([Landmarks(), ICP()], folds=0).run(case)
+    said = [one for estimate in run.estimates.values() for one in estimate.warnings]
+    told = [one.sentence for one in said if one.code == "start-pose-doubtful"]
+    assert bool(told) == flipped
+    if flipped:
+        assert "flip one axis of the prior, and correct the names of its landmarks LSPV and LIPV" in told[0]
