@@ -57,6 +57,29 @@ def test_columns_of_ensite(tmp_path: Path) -> None:
     assert "left" in found.values()
 
 
+@pytest.mark.parametrize("axes", ["x,y,z", "X,Y,Z"])
+@pytest.mark.parametrize("name", ["Lesions.csv", "AutoMark_Data.csv"])
+@pytest.mark.parametrize("off", [0.0, 200.0])
+def test_ablation_points_of_ensite(off: float, name: str, axes: str, tmp_path: Path) -> None:
+    """Those that are of another chamber are not taken, and so are their columns."""
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study/Map_PP_bi.csv").write_text(DXL)
+    head = f"Text,{axes},Avg Contact Force (g),Energy,Diameter"
+    (tmp_path / f"study/{name}").write_text(f"{head}\nL1,{1.5 + off},2.5,3.5,12,300,4\nEOF\n")
+    found = table_of(tmp_path / "study", tmp_path / "case")
+    own = {heading: became for heading, became in found.items() if heading.startswith(name)}
+    first, _, last = axes.split(",")
+    became = {
+        f"{name}, Text": "left",
+        f"{name}, {first}": "taken as x",
+        f"{name}, {last}": "taken as z",
+        f"{name}, Avg Contact Force (g)": "taken as force",
+        f"{name}, Energy": "taken as energy_j",
+        f"{name}, Diameter": "left",
+    }
+    assert became.items() <= own.items() if off == 0.0 else not own
+
+
 def test_rows_of_an_older_ensite(tmp_path: Path) -> None:
     (tmp_path / "study").mkdir()
     (tmp_path / "study/DxL_1.csv").write_text(rows(XYZ))

@@ -223,16 +223,19 @@ def _map_values(export: Export) -> dict[str, NDArray[Any]]:
 
 def read_lesions(path: Path, data: bytes) -> Points:
     """Read ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
+    export, places = parse_lesions(path, data)
+    xyz = export.xyz(places)
+    columns: dict[str, NDArray[Any]] = {
+        ours: export.numbers(theirs) for theirs, ours in LESION_VALUES.items() if theirs in export.header
+    }
+    return Points(xyz, np.full(len(xyz), "ablation"), columns)
+
+
+def parse_lesions(path: Path, data: bytes) -> tuple[Export, tuple[str, ...]]:
+    """Return the table of ablation points, and the names of its columns of places. Raises InputError."""
     for places in LESION_XYZ:
         if _find_header(path, decode(data, path).splitlines(), places)[0] is not None:
-            export = parse(path, data, places)
-            xyz = export.xyz(places)
-            columns: dict[str, NDArray[Any]] = {
-                ours: export.numbers(theirs)
-                for theirs, ours in LESION_VALUES.items()
-                if theirs in export.header
-            }
-            return Points(xyz, np.full(len(xyz), "ablation"), columns)
+            return parse(path, data, places), places
     raise InputError(f"{path}: has no columns x, y, z")
 
 

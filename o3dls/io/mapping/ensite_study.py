@@ -17,7 +17,7 @@ from . import ensite, ensite_rows
 from .archive import Archive
 from .belonging import Anatomy, take_sites
 from .imported import Imported
-from .vendor_columns import columns_of_ensite
+from .vendor_columns import columns_of_ensite, columns_of_lesions
 
 MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 SIGN = b"roving x"
@@ -141,8 +141,10 @@ def _take_rest(archive: Archive, found: Imported, others: list[Anatomy]) -> None
         base = Path(name).name.lower()
         if base.startswith(("lesions", "automark")):
             with found.optional(name):
-                sites = ensite.read_lesions(archive.where(name), archive.read(name))
-                found.took.append(f"{take_sites(found, sites, name, others)} ablation points of {name}")
+                where, data = archive.where(name), archive.read(name)
+                count = take_sites(found, ensite.read_lesions(where, data), name, others)
+                found.took.append(f"{count} ablation points of {name}")
+                found.columns |= columns_of_lesions(where, data) if count else {}
         elif base.startswith("model_point_cloud"):
             with found.optional(name):
                 count = len(ensite.read_cloud(archive.where(name), archive.read(name)))

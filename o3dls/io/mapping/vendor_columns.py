@@ -63,6 +63,14 @@ def columns_of_ensite(path: Path, data: bytes) -> dict[str, str]:
     return {f"{path.name}, {name}": became.get(name, LEFT) for name in names if name}
 
 
+def columns_of_lesions(path: Path, data: bytes) -> dict[str, str]:
+    """Return what became of the columns of a table of EnSite's ablation points."""
+    export, places = ensite.parse_lesions(path, data)
+    ours = {**ensite.LESION_VALUES, **dict(zip(places, "xyz", strict=True))}
+    names = filter(None, export.header)
+    return {f"{path.name}, {name}": f"taken as {ours[name]}" if name in ours else LEFT for name in names}
+
+
 def columns_of_openep(path: Path, data: bytes, taken: Collection[str]) -> dict[str, str]:
     """Return what became of the members of `electric`, where the columns that are `taken` came of it."""
     electric = mat.at(openep.userdata(path, data), "electric")
