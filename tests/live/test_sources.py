@@ -12,6 +12,7 @@ from time import monotonic
 
 import numpy as np
 import pytest
+from said import said_by
 
 from o3dls.arrays import Array
 from o3dls.case import Points
@@ -24,6 +25,7 @@ from o3dls.live.sources.igtl import Igtl
 from o3dls.live.sources.replay import Replay
 from o3dls.live.sources.source import Source, begin, identities
 from o3dls.live.sources.watch import STILL, Watch
+from tests.finished import finished
 from tests.live.desk import Desk, until
 
 HEADER = "x,y,z,bipolar\n"
@@ -330,6 +332,14 @@ def test_an_address_that_cannot_be_is_said_and_the_source_goes_on() -> None:
     thread.join(10.0)
     assert "at most 63 letters" in desk.errors[0]
     assert desk.said[0].startswith("hung up")
+
+
+@pytest.mark.parametrize("host", ["a" * 70 + ".org", "a..b", "é" * 70])
+def test_a_host_that_cannot_be_is_no_address_to_send_to_either(host: str, tmp_path: Path) -> None:
+    code, said = said_by("send", finished(tmp_path / "run"), "--host", host)
+    assert code == 2, said
+    assert "cannot be an address: the parts of a host's name have at most 63 letters" in said
+    assert "internal" not in said
 
 
 def test_a_source_that_breaks_is_said_and_followed_again() -> None:

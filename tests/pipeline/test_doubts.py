@@ -258,3 +258,16 @@ def test_a_flipped_prior_is_told_though_its_landmarks_are_named_by_the_side_wher
     assert bool(told) == flipped
     if flipped:
         assert "flip one axis of the prior, and correct the names of its landmarks LSPV and LIPV" in told[0]
+
+
+def test_names_that_may_be_either_place_are_said_and_decide_no_pose() -> None:
+    case = measured(PRIOR, pose(30.0, 8.0), noise=1.0)
+    other = {"LSPV": "LUPV", "RSPV": "RUPV", "LIPV": "one", "RIPV": "two"}  # beside LIPV U would be upper
+    named = np.array([other.get(name, name) for name in case.points.columns["name"]])
+    points = replace(case.points, columns={**case.points.columns, "name": named})
+    marks = {name: case.prior_landmarks[name] for name in ("LSPV", "RSPV")}
+    case = replace(case, points=points, prior_landmarks=marks, init=pose(30.0, 8.0))
+    run = Pipeline([ICP()], folds=0).run(case)
+    said = [one for one in run.estimates["icp"].warnings if one.code == "landmark-names-doubtful"]
+    assert "LUPV, RUPV may be upper or lower veins" in said[0].sentence
+    assert not case.landmark_partners()
