@@ -229,7 +229,8 @@ def test_runs_of_two_cases_are_compared(plan: Path, tmp_path: Path) -> None:
         case = ball(tmp_path / name, points=points)
         followed("run", plan, "--case", case, "--out", tmp_path / f"run_{name}")
     said = refused("report", tmp_path / "run_a", tmp_path / "run_b", "--out", tmp_path / "c.html")
-    followed(*advised(said, "compare"), tmp_path / "run_a", tmp_path / "run_b")
+    out = ("--out", tmp_path / "compare.html")
+    followed(*advised(said, "compare"), tmp_path / "run_a", tmp_path / "run_b", *out)
 
 
 def test_a_run_in_2d_has_its_pictures_in_the_report(plan: Path, tmp_path: Path) -> None:
