@@ -56,7 +56,9 @@ def _math(translator: Any, node: Any, *, block: bool) -> None:
 
 
 def setup(app: Any) -> None:
+    app.add_config_value("demo_report", str(DOCS.parent / "o3dls_demo" / "report.html"), "env")
     app.connect("source-read", site_pages.read)
     app.connect("build-finished", site_access.finished)
+    app.connect("build-finished", site_pages.add_demo)
     inline, block = (lambda t, n: _math(t, n, block=False)), (lambda t, n: _math(t, n, block=True))
     app.add_html_math_renderer("mathml", (inline, None), (block, None))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ OUTSIDE = {
     ".github/CONTRIBUTING.md": "contributing.md",
     ".github/CODE_OF_CONDUCT.md": "conduct.md",
 }
+DEMO = "_static/demo_report.html"
+LARGE = 'style="width: 100%; height: 44rem; border: 1px solid"'
 LINK = re.compile(r"\]\((?P<path>[^)#:\s]+)(?P<anchor>#[\w-]+)?\)")
 PART = re.compile(r"<!-- site: (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
 ENTRY = re.compile(r"^- \[([^]]+)\]\(([^)]+)\)", re.MULTILINE)
@@ -33,7 +36,24 @@ def read(app: Any, name: str, source: list[str]) -> None:
     text = linked(source[0], DOCS)
     if name == "index":
         text += navigation(text)
-    source[0] = PART.sub(lambda found: part(found["name"]), text)
+    source[0] = PART.sub(lambda found: frame(app) if found["name"] == "demo" else part(found["name"]), text)
+
+
+def frame(app: Any) -> str:
+    """The report of the demo in a frame, where the demo was run before the site is built."""
+    if not Path(app.config.demo_report).is_file():
+        return ""
+    link = f'<a href="{DEMO}">on a page of its own</a>'
+    inside = (
+        f'<iframe src="{DEMO}" title="The report of the demo" loading="lazy" class="demo" {LARGE}></iframe>'
+    )
+    return f"```{{raw}} html\n{inside}\n<p>The report of the demo, {link}.</p>\n```"
+
+
+def add_demo(app: Any, error: Exception | None) -> None:
+    """Sphinx's event `build-finished`: put the report of the demo beside the pages."""
+    if error is None and Path(app.config.demo_report).is_file():
+        shutil.copyfile(app.config.demo_report, Path(app.outdir) / DEMO)
 
 
 def part(name: str) -> str:

@@ -16,7 +16,9 @@ from conftest import ROOT
 
 import o3dls
 from o3dls.cli.commands import cli
+from o3dls.report.writer import write_report
 from tests.browser import Visit, chromium, violations
+from tests.finished import finished
 
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 
@@ -47,7 +49,19 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("sphinx", "myst_parser", "furo", "sphinx_copybutton"):
         pytest.importorskip(name, reason=f"{name} is not installed: the site is not built")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    report = write_report([finished(tmp_path_factory.mktemp("demo") / "run")])
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-b",
+        "html",
+        "-D",
+        f"demo_report={report}",
+    ]
     done = subprocess.run(
         [*command, str(ROOT / "docs"), str(folder)], capture_output=True, text=True, check=False
     )
@@ -88,10 +102,29 @@ def test_links_within_the_site_lead_to_a_file_and_a_place_in_it(pages: dict[Path
     assert not dead
 
 
+def test_the_first_page_has_a_picture_six_cards_and_the_report_of_the_demo(
+    pages: dict[Path, Page], site: Path, launch: Callable[..., Any]
+) -> None:
+    loads = pages[site / "index.html"].loads
+    assert sum(load.endswith(".png") for load in loads) == 1 + 6
+    visit = Visit(launch(), site / "index.html", wait=False)
+    visit.page.locator("iframe.demo").scroll_into_view_if_needed()
+    inside = visit.page.frame_locator("iframe.demo")
+    inside.locator("html[data-ready]").wait_for(state="attached", timeout=60_000)
+    assert inside.locator("#panels canvas").count() == 2
+    box = visit.page.locator("iframe.demo").bounding_box()
+    assert box["width"] > 500
+    assert box["height"] > 500
+    assert not visit.errors
+    visit.page.close()
+
+
 def test_no_page_loads_anything_from_elsewhere(pages: dict[Path, Page], site: Path) -> None:
     for path, page in pages.items():
         for load in page.loads:
             found = urlsplit(load)
+            if found.scheme == "data":
+                continue
             assert not found.scheme + found.netloc, (path.name, load)
             assert (path.parent / unquote(found.path)).is_file(), (path.name, load)
     assert "<math" in (site / "method.html").read_text(encoding="utf-8")

@@ -1,7 +1,8 @@
-"""Draw the pictures of docs/report.md in Chromium: a page of the demo, and a page of a cohort.
+"""Draw the pictures of docs/report.md in Chromium: a page of the demo, and where it is given a page of a
+cohort. What the first screen says is written beside them, so that a test notices when it is no longer so.
 
     o3dls demo --out o3dls_demo
-    python tools/report_pictures.py o3dls_demo/report.html runs/cohort.html docs
+    python tools/report_pictures.py o3dls_demo/report.html docs [runs/cohort.html]
 
 Needs playwright (the extra `test`) and a Chromium.
 """
@@ -9,6 +10,7 @@ Needs playwright (the extra `test`) and a Chromium.
 from __future__ import annotations
 
 import io
+import json
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,11 +21,14 @@ from typing import Any
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 from playwright.sync_api import Page, sync_playwright
 
+from o3dls import __version__
+
 WIDTH, HEIGHT = 1200, 880  # of the window, and the most that a picture of the docs may have
 SMALL = 760  # pixels across of a picture that would be too tall
 RED = "#b00020"
 RADIUS = 11  # of a number's disc, pixels
 PASSES = 3  # over the palette, without which the few pixels of a legend get the colour of something else
+SHOWN = "report_shown.json"  # what the pictures of the first screen say
 ROOM = 24  # pixels around a part of the page, for the discs
 ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
@@ -31,6 +36,7 @@ ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 FIRST_SCREEN = (
     "h1",
     "header .overall",
+    "header .answers",
     "header .strip",
     "header p.soft",
     "nav.contents",
@@ -187,18 +193,30 @@ def opened(path: Path, width: int) -> Iterator[Page]:
 
 
 def write(picture: Image.Image, path: Path) -> None:
-    """As a PNG with a palette, which is a quarter of the size."""
-    picture.quantize(kmeans=PASSES, dither=Image.Dither.NONE).save(path, optimize=True)
+    """As a PNG with a palette, which is a quarter of the size, dithered so that colours have no bands."""
+    palette = picture.quantize(kmeans=PASSES, dither=Image.Dither.NONE)
+    picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
     sys.stdout.write(
         f"{path.name}: {picture.width} x {picture.height}, {path.stat().st_size / 1000:.0f} kB\n"
     )
 
 
-def main(report: Path, cohort: Path, out: Path) -> None:
+def shown(page: Page) -> dict[str, Any]:
+    """What the first screen says, in the order of the page, and the version that says it."""
+    return {"version": __version__} | {
+        name: page.locator(f"header .{name}").first.locator(each).all_text_contents()
+        for name, each in (("overall", "xpath=."), ("answers", "dd"), ("strip", "li"))
+    }
+
+
+def main(report: Path, out: Path, cohort: Path | None = None) -> None:
     with opened(report, WIDTH) as page:
         page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+        (out / SHOWN).write_text(json.dumps(shown(page), indent=1) + "\n", encoding="utf-8")
         for name, draw in PICTURES.items():
             write(draw(page), out / f"report_{name}.png")
+    if cohort is None:
+        return
     with opened(cohort, WIDTH - 2 * ROOM) as page:
         write(part(page, "h1", "table"), out / "report_cohort.png")
 

@@ -21,6 +21,7 @@ UNPLACED = (
     "No pose yet: the surface stands in the prior's own frame, and points are not drawn. Name landmarks on "
     "both sides, or go on until there are 10 points."
 )
+NO_POINTS = "Waiting for points: what is shown is the prior."
 
 
 @cache
@@ -35,6 +36,7 @@ def live_page() -> str:
         "section",
         tag("h2", "Surface", class_="unseen"),
         tag("p", "Waiting for the first surface.", id="waiting", role="status"),
+        tag("p", NO_POINTS, id="no-points", role="status", hidden=True),
         tag("p", UNPLACED, id="unplaced", class_="warnings", hidden=True),
         Html(asset("viewer.html")),
         id="pictures",

@@ -11,7 +11,7 @@ from typing import Any
 LINKS = ("href", "src")
 GAPS = re.compile("[\x00-\x20]")  # browsers drop these from an address, so they could hide `javascript:`
 # addresses without a scheme, or with one that runs no code
-SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg);", re.IGNORECASE)
+SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg|webp);", re.IGNORECASE)
 
 
 class Html(str):

@@ -9,6 +9,7 @@ from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
 from .section import plugin_sections
+from .sections.answers import answers
 from .sections.contents import contents
 from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
@@ -69,5 +70,6 @@ def _page_head(subject: Subject) -> Html:
         "header",
         tag("div", tag("h1", case.name), tag("p", NOTICE, class_="notice"), class_="title"),
         overall(found, warnings(subject)),
+        answers(subject, found),
         more,
     )

@@ -17,6 +17,7 @@ SCRIPTS = (
     "points.js",
     "hidden.js",
     "overlay.js",
+    "labels.js",
     "controls.js",
     "bars.js",
     "handles.js",

@@ -119,6 +119,16 @@ def test_what_comes_is_shown_without_loading_anew(visit: Visit, session: Played)
     assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST + 1)
 
 
+def test_a_session_without_points_says_that_it_waits_for_them(visit: Visit, session: Played) -> None:
+    waiting = visit.page.locator("#no-points")
+    assert not waiting.is_visible()
+    session.server.publish({**state(FIRST), "points": 0, "fitted": 0})
+    waiting.wait_for(state="visible", timeout=PATIENCE)
+    assert waiting.inner_text() == "Waiting for points: what is shown is the prior."
+    session.server.publish(state(FIRST))
+    waiting.wait_for(state="hidden", timeout=PATIENCE)
+
+
 def test_an_opaque_surface_is_painted_in_one_go(visit: Visit) -> None:
     calls = "() => JSON.parse(document.documentElement.dataset.drawCalls)"
     assert visit.page.evaluate(calls) == [2]  # the surface, and all balls

@@ -4,6 +4,7 @@ off on a narrow or a wide screen, and the policy lets all of it run.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,12 @@ import pytest
 from test_cohort import THRICE, entry
 from test_report_page import CONTRASTS
 
+from o3dls.report.cohort import tables
+from o3dls.report.cohort.entries import read_entries
 from o3dls.report.cohort.page import cohort_page
+from o3dls.report.writer import write_report
 from tests.browser import Visit, chromium, violations
+from tests.finished import finished
 
 LONG = "a_case_whose_name_is_as_long_as_those_that_a_hospital_gives_" * 2
 READABLE = 4.5  # contrast of text, WCAG 2 level AA
@@ -146,3 +151,36 @@ def test_axe_finds_nothing_wrong(width: int, scheme: str, browser: Any, page: Pa
     visit = Visit(browser, page, wait=False, width=width, color_scheme=scheme)
     assert violations(visit) == []
     visit.page.close()
+
+
+def test_a_run_has_its_picture_and_its_mark_opens_its_report(browser: Any, tmp_path: Path) -> None:
+    run = finished(tmp_path / "ball")
+    report = write_report([run])
+    (drawn,) = read_entries([run])
+    assert 500 < len(drawn.picture) < 6000
+    path = tmp_path / "cohort.html"
+    path.write_text(cohort_page([drawn, entry("c", icp=12.0, level_set=11.0)], path), encoding="utf-8")
+    visit = Visit(browser, path, wait=False)
+    picture = visit.page.locator("img.thumbnail")
+    picture.scroll_into_view_if_needed()
+    visit.page.wait_for_function("document.querySelector('img.thumbnail').naturalWidth === 160")
+    assert picture.count() == 1  # the other has none
+    assert picture.get_attribute("loading") == "lazy"
+    assert violations(visit) == []
+    marks = visit.page.locator("svg.strips a")
+    assert [marks.nth(k).get_attribute("tabindex") for k in range(marks.count())] == ["-1", None]
+    marks.last.locator("circle").click()
+    visit.page.wait_for_url(report.resolve().as_uri())
+    visit.page.close()
+
+
+def test_of_many_runs_the_worst_have_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "MOST_DRAWN", 2)
+    runs = [
+        replace(entry(name, icp=4.0, level_set=mean), picture=b"webp")
+        for name, mean in zip("abc", (1, 3, 2), strict=True)
+    ]
+    page = cohort_page(runs, Path("all.html"))
+    (rows,) = re.findall(r'<table[^>]*id="runs-0".*?</table>', page)
+    assert re.findall(r'<th scope="row">(<img[^>]*>)?(\w)</th>', rows)[2] == ("", "a")
+    assert rows.count("<img ") == 2

@@ -299,9 +299,13 @@ def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:
 def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
     ok, none = Check("a", "good", "fine"), Check("b", "none", "no points")
     amber, red = Check("c", "amber", "far off", "9 mm"), Check("d", "bad", "not valid: a fold")
-    assert "OK</strong> 2 checks passed, 1 without data. </p>" in overall([ok, none, ok], [])
-    assert "CHECK</strong> c: 9 mm. </p>" in overall([ok, amber, none], [])
+    assert "OK</strong> No check found a problem: 2 checks passed, 1 without data. </p>" in overall(
+        [ok, none, ok], []
+    )
+    assert "CHECK</strong> Look at this before you use the surface: c: 9 mm. </p>" in overall(
+        [ok, amber, none], []
+    )
     said = overall([amber, red], ["Only 3 points were fitted.", "x " * 100])
-    assert "FAIL</strong> d: not valid: a fold; c: 9 mm. " in said
+    assert "FAIL</strong> Do not use the surface before you know why: d: not valid: a fold; c: 9 mm. " in said
     assert '<a href="#outcome">2 warnings</a>: Only 3 points were fitted; x x' in said
     assert said.endswith(" …</span></p>")

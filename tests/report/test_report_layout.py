@@ -62,10 +62,10 @@ def test_pictures_and_verdict_are_in_the_first_screen(
     visit = opened(browser, report, size)
     seen = shown(visit, "#panels canvas")
     assert all(share >= least for share, least in zip(seen, pictures, strict=False)), seen
-    for what in ("h1", ".notice", ".overall", *([".strip li"] if size == WIDE else [])):
+    for what in ("h1", ".notice", ".overall", ".answers dd", *([".strip li"] if size == WIDE else [])):
         assert min(shown(visit, what)) == 1, what
     said = visit.page.locator(".overall").inner_text()
-    assert said.startswith("CHECK Converged: 1 stage; ")
+    assert said.startswith("CHECK Look at this before you use the surface: Converged: 1 stage; ")
     assert "2 warnings: level_set did not converge" in said
     assert visit.page.locator(".overall a").get_attribute("href") == "#outcome"
     visit.page.close()

@@ -88,6 +88,7 @@ function takeState(state) {
   write("source-now", state.source ?? "none: points come from this page");
   byId("source-now").classList.toggle("wrong-now", /hung up|refused|lost/.test(state.source ?? ""));
   write("status-now", state.status ?? "");
+  byId("no-points").hidden = session.ended || state.points !== 0;
   takeTip({ xyz: state.tip ?? null });
   drawHistory(state.history ?? []);
   listNext(state.next ?? [], state.ended);

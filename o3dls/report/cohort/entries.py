@@ -11,6 +11,7 @@ from pathlib import Path
 from ...arrays import Array
 from ...runs.record import Provenance
 from ..checks import checks
+from ..drawing.pictures import thumbnail
 from ..grading.check import Grade, doubtful, worst_grade
 from ..subject import Result, Subject, case_key, distinct_names, read_subject
 from ..verdict import warnings
@@ -43,6 +44,7 @@ class Entry:
     warnings: int
     grade: Grade = "none"  # the worst of its checks
     doubts: tuple[str, ...] = ()  # the checks that ask for a look, in short, the worst first
+    picture: bytes = b""  # a small one of the result, as a file of WebP
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
@@ -73,6 +75,7 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         warnings=len(warnings(subject)),
         grade=worst_grade(found := checks(subject)),
         doubts=tuple(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
+        picture=thumbnail(subject),
     )
 
 

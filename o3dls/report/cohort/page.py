@@ -125,7 +125,7 @@ def _write_section(k: int, block: Block, styles: Mapping[str, int], out: Path) -
         "section",
         tag("h2", f"Judged by: {SETS[block.group]}, in {block.unit}; {count}"),
         tag("p", summary(block), class_="verdict"),
-        strip_plot(block, styles, means),
+        strip_plot(block, styles, means, out),
         means_table(means, block),
         differences_table(f"differences-{k}", block) if over else None,
         cases_table(f"cases-{k}", block) if block.differences else None,

@@ -5,6 +5,7 @@ case.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ...arrays import Array
 from ..drawing.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, axis_over
 from ..markup import Html, signed, tag
 from .cases import CLOSER, FARTHER, NEITHER, Block, CaseOfRuns, outcome, sign_of
+from .tables import link_report
 
 MARGIN = 0.5  # of a column's width, left and right of the marks
 LETTER = 13.0  # pixels of the drawing that a letter takes on a narrow screen
@@ -20,10 +22,11 @@ LINES = {CLOSER: "better", FARTHER: "worse", NEITHER: "neither"}  # classes of c
 SHORT = 0.18  # of a column's width: half the line of the mean
 
 
-def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
+def strip_plot(block: Block, styles: Mapping[str, int], values: str, out: Path) -> Html:
     """Draw the mean distances of all cases, a mark per case above the name of each estimate.
 
-    styles: the colour of each estimate, as in its report; values: the id of the table of its marks.
+    styles: the colour of each estimate, as in its report; values: the id of the table of its marks; out: the
+    page, from which marks lead to the reports.
     """
     means = [np.array([case.mean(name) for case in block.cases]) for name in block.estimates]
     runs = [np.array(case.means(name)) for case in block.cases for name in block.estimates]
@@ -37,7 +40,7 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
     )
     more = ", an upright line from the smallest to the largest of several runs"
     several = any(len(found) > 1 for found in runs)
-    said += f"{more if several else ''}. The values are in the table below."
+    said += f"{more if several else ''}. The values are in the table below; a mark leads to its report."
     drawing = tag(
         "svg",
         *_draw_frame(y, columns),
@@ -48,14 +51,14 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
             if np.isfinite(found).all()  # means over different cases do not compare
         ),
         *(
-            _draw_mark(case, name, x, styles[name], y)
+            _link_mark(_draw_mark(case, name, x, styles[name], y), case, name, out)
             for case in block.cases
             for name, x in columns
             if case.means(name)
         ),
         viewBox=f"0 0 {WIDTH} {HEIGHT}",
         class_="chart strips",
-        role="img",
+        role="group",
         aria_label=said,
         aria_details=values,
     )
@@ -124,6 +127,18 @@ def _draw_case_line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis,
 def _draw_mean(values: Array, x: float, y: Axis, count: int) -> Html:
     at, half = _row_place(float(values.mean()), y), SHORT * _column_width(count)
     return tag("path", d=f"M{x - half:.1f} {at:.1f}H{x + half:.1f}", class_="mean")
+
+
+def _link_mark(mark: Html, case: CaseOfRuns, estimate: str, out: Path) -> Html:
+    """Make a mark lead to the report of the case's worst run that has one; Tab goes to it on the marks of the
+    result alone.
+    """
+    target = next(filter(None, (link_report(run, out) for run in case.runs)), None)
+    if target is None:
+        return mark
+    leads = f"{case.name}, {estimate}: open the report"
+    last = estimate == case.runs[0].last
+    return tag("a", mark, href=target, aria_label=leads, tabindex=None if last else "-1")
 
 
 def _draw_mark(case: CaseOfRuns, name: str, x: float, style: int, y: Axis) -> Html:

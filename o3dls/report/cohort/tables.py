@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import math
 import os
 from collections.abc import Sequence
@@ -10,11 +11,13 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from ...evaluation.statistics import Difference
+from ..drawing.pictures import THUMBNAIL
 from ..grading.check import WORDS, Grade
 from ..markup import Child, Html, join, signed, tag
 from .cases import Block, CaseOfRuns, Pair, outcome, sign_of
 from .entries import Entry
 
+MOST_DRAWN = 200  # runs with a picture, the worst: each takes some 4 kB of the page
 # by which rows are sorted
 RANKS: dict[Grade, float] = {"good": 0.0, "even": 0.0, "none": math.nan, "amber": 1.0, "bad": 2.0}
 
@@ -148,7 +151,7 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
     )
     rows = [
         [
-            Cell(_link_report(run, out)),
+            Cell(_show_run(run, out, drawn=k < MOST_DRAWN)),
             Cell(case),
             Cell(" → ".join(filter(None, (run.first, run.last)))),
             Cell(f"{distance:.2f}", distance),
@@ -165,7 +168,7 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
             Cell(run.warnings or "–", run.warnings),
             Cell(f"{run.seconds:.1f}", run.seconds),
         ]
-        for distance, case, run in ordered
+        for k, (distance, case, run) in enumerate(ordered)
     ]
     head = ["run, worst first", "case", "compared", f"mean distance of the result, {block.unit}"]
     return sortable(
@@ -181,9 +184,30 @@ def _result_distance(run: Entry) -> float:
     return float(run.measured[run.last][1].mean())
 
 
-def _link_report(run: Entry, out: Path) -> Child:
+def _show_run(run: Entry, out: Path, *, drawn: bool) -> Child:
+    """Show the name of a run with its picture, both linked with its report where it has one."""
+    picture = None
+    if drawn and run.picture:
+        source = "data:image/webp;base64," + base64.b64encode(run.picture).decode("ascii")
+        width, height = THUMBNAIL
+        picture = tag(
+            "img",
+            src=source,
+            alt="",
+            class_="thumbnail",
+            loading="lazy",
+            width=width // 2,
+            height=height // 2,
+        )
+    shown = join(picture, run.name) if picture else run.name
+    target = link_report(run, out)
+    return tag("a", shown, href=target) if target else shown
+
+
+def link_report(run: Entry, out: Path) -> str | None:
+    """Return the address of a run's report as seen from the page `out`; None where it has none."""
     report = run.folder / "report.html"
     if not report.is_file():
-        return run.name
+        return None
     path = Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
-    return tag("a", run.name, href=quote(os.fsencode(path)))  # a folder may be named `javascript:`
+    return quote(os.fsencode(path))  # a folder may be named `javascript:`

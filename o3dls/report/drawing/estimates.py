@@ -58,6 +58,7 @@ def estimate_data(subject: Subject, name: str, surface: Surface, places: Mapping
     full, drawn = len(result.estimate.surface.faces), len(surface.faces)
     return {
         "name": name,
+        "run": next(k for k, run in enumerate(subject.runs) if run is result.run),
         "ghosts": ghosts,
         "caption": f"{full} faces, {drawn} drawn" if full > drawn else "",
         "colour": f"--s{subject.style(name) % STYLES}",

@@ -32,7 +32,10 @@ def check_expected_error(subject: Subject) -> Check:
     said = f"mean {short} ({_list_parts(found, subject.unit)})"
     ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
     doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
-    doubts += [f"do not rely on it at {name}" for name in contradicted_regions(subject)]
+    doubts += [
+        f"do not rely on it at {_describe_region(name, one, subject.unit)}"
+        for name, one in contradicted_regions(subject).items()
+    ]
     if doubts:
         return Check(NAME, "amber", f"{said}; {'; '.join(doubts)}", f"{short}, contradicted")
     return Check(NAME, "good", f"{said}; {ratio}", short)
@@ -43,11 +46,11 @@ def _list_parts(found: Expected, unit: str) -> str:
     return "; ".join(f"{name}: {value:.2f} {unit}" for name, value in parts if value is not None)
 
 
-def contradicted_regions(subject: Subject) -> list[str]:
-    """Return the regions whose left-out points contradict the posterior, each with how far they lie off."""
+def contradicted_regions(subject: Subject) -> dict[str, Scatter]:
+    """Return the scatter of the left-out points of each region that they contradict, the worst first."""
     of = wall_regions(subject, subject.last.estimate.surface)
     if of is None or left_out_scatter(subject.last) is None:
-        return []
+        return {}
     eam = subject.last.run.points.of("eam").xyz
     region = of[cKDTree(subject.last.estimate.surface.vertices).query(eam)[1]]
     found = dict[str, Scatter]()
@@ -55,9 +58,12 @@ def contradicted_regions(subject: Subject) -> list[str]:
         scatter = left_out_scatter(subject.last, region == one)
         if scatter and scatter.count >= FEWEST and scatter.ratio > CONTRADICTED:
             found[word(int(one))] = scatter
-    worst = sorted(found.items(), key=lambda item: -item[1].ratio)
-    return [
-        f"{name} ({one.count} left-out points: {one.distance:.1f} {subject.unit} off, {one.ratio:.1f} times "
+    return dict(sorted(found.items(), key=lambda item: -item[1].ratio))
+
+
+def _describe_region(name: str, one: Scatter, unit: str) -> str:
+    """Describe how far the left-out points of a region lie off."""
+    return (
+        f"{name} ({one.count} left-out points: {one.distance:.1f} {unit} off, {one.ratio:.1f} times "
         "as far as predicted)"
-        for name, one in worst
-    ]
+    )

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from textwrap import shorten
 
 from ..checks import checks
-from ..grading.check import WORDS, Check, doubtful, worst_grade
+from ..grading.check import WORDS, Check, Grade, doubtful, worst_grade
 from ..markup import Html, join, tag
 from ..section import Section
 from ..subject import Subject
 from ..verdict import verdict, warnings
 from ..wall_parts import parts_table
 
+MEANINGS: Mapping[Grade, str] = {
+    "good": "No check found a problem",
+    "amber": "Look at this before you use the surface",
+    "bad": "Do not use the surface before you know why",
+}
 LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone
 
 
@@ -23,7 +28,7 @@ def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
     return tag(
         "p",
         tag("strong", WORDS[grade], class_="grade"),
-        f" {said or _count_passed(found)}. ",
+        f" {MEANINGS[grade]}: {said or _count_passed(found)}. ",
         _shorten_warnings(sentences),
         class_=f"overall {grade}",
     )

@@ -1,15 +1,21 @@
-// The fit as a motion: a slider moves the first picture's surface through the estimates that have the faces of the prior, in straight lines. Nothing moves by itself.
+// The fit as a motion: a slider moves the first picture's surface through the estimates of the last one's run, in straight lines where they share their faces; a surface of its own faces is a stop that the slider jumps to. Nothing moves by itself.
 
-const fit = { stops: [], geometry: null, from: 0, share: 0 }; // stops: indices of estimates; the geometry is between `from` and the next
+const fit = { stops: [], geometry: null, faces: null, from: 0, share: 0 }; // stops: indices of estimates; the geometry is between `from` and the next
 
-// Those of the commonest faces, each once where it moved nothing.
+const meshOf = (k) => scene.meshes[scene.estimates[k].mesh];
+const haveSameFaces = (one, other) => meshOf(one).faces === meshOf(other).faces;
+
+// Each once where it moved nothing: the first of such, but at the end the last, which is the result.
 function findStops() {
-  const meshOf = (k) => scene.meshes[scene.estimates[k].mesh];
-  const every = [...scene.estimates.keys()];
-  const alike = every.map((k) => every.filter((other) => meshOf(other).faces === meshOf(k).faces));
-  const most = alike.reduce((best, one) => (one.length > best.length ? one : best), []);
-  return most.filter((k, n) => n === 0 || meshOf(k).positions !== meshOf(most[n - 1]).positions);
+  const { run } = scene.estimates[scene.panels.at(-1)];
+  const own = [...scene.estimates.keys()].filter((k) => scene.estimates[k].run === run);
+  const isSame = (one, other) => haveSameFaces(one, other) && meshOf(one).positions === meshOf(other).positions;
+  const moved = own.filter((k, n) => n === 0 || !isSame(k, own[n - 1]));
+  return [...moved.slice(0, -1), own.at(-1)];
 }
+
+// Whether the surface can be moved from a stop to the next.
+const canMix = (from) => from + 1 < fit.stops.length && haveSameFaces(fit.stops[from], fit.stops[from + 1]);
 
 function fillFit() {
   fit.stops = findStops();
@@ -18,10 +24,12 @@ function fillFit() {
   fit.stops.forEach((k, n) => option($("fit-stops"), n, scene.estimates[k].name));
   $("fit").addEventListener("input", () => moveFit(Number($("fit").value)));
   $("fit").addEventListener("keydown", (event) => {
-    const step = { PageUp: 1, PageDown: -1 }[event.key];
+    const at = Number($("fit").value);
+    const arrow = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    const jump = arrow && Number.isInteger(at) && !canMix(arrow > 0 ? at : at - 1) ? arrow : undefined;
+    const step = { PageUp: 1, PageDown: -1 }[event.key] ?? jump;
     if (!step) return;
     event.preventDefault();
-    const at = Number($("fit").value);
     slide("fit", step > 0 ? Math.floor(at) + 1 : Math.ceil(at) - 1);
   });
   panels.filter(({ shown }) => shown).slice(0, 1).forEach(({ estimate }) => showStop(Math.max(fit.stops.indexOf(estimate), 0)));
@@ -33,11 +41,15 @@ const isMoving = ({ geometry }) => geometry === fit.geometry;
 function moveFit(at) {
   const panel = fitPanel();
   if (!panel) return;
+  if (!canMix(Math.floor(at))) at = Math.round(at);
   [fit.from, fit.share] = [Math.floor(at), at - Math.floor(at)];
   const nearest = fit.stops[Math.round(at)];
   if (fit.share === 0) return showEstimate(panel, nearest);
   setEstimate(panel, nearest);
-  fit.geometry ??= geometryOf(panel.mesh).clone();
+  if (fit.faces !== meshOf(nearest).faces) {
+    fit.geometry?.dispose();
+    [fit.geometry, fit.faces] = [geometryOf(panel.mesh).clone(), meshOf(nearest).faces];
+  }
   panel.geometry = fit.geometry;
   panel.sides.forEach((side) => { side.geometry = fit.geometry; });
   const [before, after] = [0, 1].map((n) => geometryOf(scene.estimates[fit.stops[fit.from + n]].mesh));

@@ -14,7 +14,7 @@ function drawOverlay(panel, context, ratio) {
   const ink = getComputedStyle(panel.canvas).color;
   context.lineJoin = context.lineCap = "round";
   drawContours(context, width, height, ratio);
-  if (settings.labels) scene.landmarks.forEach((mark, k) => drawLabel({ ...mark, strength: panel.hidden?.marks[k] ? FAINT : 1 }, context, width, height, ratio, ink));
+  if (settings.labels) drawLabels(panel, context, width, height, ratio, ink);
   if (settings.next) for (let k = scene.next.length - 1; k >= 0; k--) drawNumber({ ...scene.next[k], strength: panel.hidden?.next[k] ? FAINT : 1 }, context, width, height, ratio);
   overlays.forEach((draw) => draw(context, width, height, ratio, ink));
   drawPinned(context, width, height, ratio, ink);
@@ -49,28 +49,6 @@ function strokeLine(context, line, colour, wide) {
   context.strokeStyle = colour;
   context.lineWidth = wide;
   context.stroke(line);
-}
-
-function drawLabel({ name, at, strength }, context, width, height, ratio, ink) {
-  const [x, y] = project(...at, width, height);
-  const text = name.length > 24 ? `${name.slice(0, 23)}…` : name;
-  context.font = `${12 * ratio}px system-ui, sans-serif`;
-  const wide = context.measureText(text).width;
-  const left = Math.min(Math.max(x + 6 * ratio, 2 * ratio), width - wide - 6 * ratio);
-  context.fillStyle = getComputedStyle(host).backgroundColor;
-  context.globalAlpha = 0.8 * strength;
-  context.fillRect(left - 2 * ratio, y - 8 * ratio, wide + 4 * ratio, 16 * ratio);
-  context.globalAlpha = strength;
-  context.fillStyle = context.strokeStyle = ink;
-  context.textBaseline = "middle";
-  context.fillText(text, left, y);
-  context.lineWidth = 1.5 * ratio;
-  context.beginPath();
-  if (strength < 1) context.setLineDash([2 * ratio, 2 * ratio]);
-  context.arc(x, y, 3.5 * ratio, 0, 2 * Math.PI);
-  context.stroke();
-  context.setLineDash([]);
-  context.globalAlpha = 1;
 }
 
 function drawScaleBar(context, width, height, ratio, ink) {

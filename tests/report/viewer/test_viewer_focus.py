@@ -113,6 +113,12 @@ def test_without_the_means_there_is_no_button_for_the_whole_screen(browser: Any,
     context.close()
 
 
+def painted(visit: Visit) -> Any:
+    """The first picture where its paint covers what is behind it: names stand on a transparent ground."""
+    found = visit.picture(0).astype(float)
+    return found[..., :3] * found[..., 3:] / 255
+
+
 def label_strengths(visit: Visit) -> tuple[float, float]:
     """How much the labels change the left and the right half of the first picture."""
     visit.settle()
@@ -120,10 +126,10 @@ def label_strengths(visit: Visit) -> tuple[float, float]:
         "() => new Promise((done) => setTimeout(done, 300))"
     )  # the page looks after 150 ms of rest
     visit.settle()
-    with_labels = visit.picture(0)[..., :3]
+    with_labels = painted(visit)
     visit.page.get_by_label("landmarks", exact=True).click()
     visit.settle()
-    change = np.abs(with_labels - visit.picture(0)[..., :3]).max(axis=2)
+    change = np.abs(with_labels - painted(visit)).max(axis=2)
     visit.page.get_by_label("landmarks", exact=True).click()
     visit.settle()
     middle = change.shape[1] // 2
@@ -154,4 +160,31 @@ def test_labels_behind_the_wall_are_faint(browser: Any, tmp_path: Path) -> None:
     visit.page.locator("#translucent").fill("0.05")
     left, right = label_strengths(visit)
     assert min(left, right) > 100
+    visit.page.close()
+
+
+def test_names_stand_apart_beside_the_surface_with_a_line_to_their_places(
+    browser: Any, tmp_path: Path
+) -> None:
+    """Three landmarks in one place on the right of the picture, whose names would lie on each other."""
+    case = bulged_case()
+    xyz = case.points.xyz.copy()
+    xyz[case.points.type == "landmark"] = [[10, -16, 0], [10, -16, 0.5], [10.5, -16, 0]]
+    folder = finished(tmp_path / "run", replace(case, points=replace(case.points, xyz=xyz)))
+    visit = Visit(browser, write_report([folder]))
+    for box in visit.page.locator("#kinds input").all():
+        box.uncheck()
+    visit.page.select_option("#field", label="no colour")
+    visit.settle()
+    with_names = visit.picture(0)[..., :3]
+    visit.page.uncheck("#labels")
+    visit.settle()
+    without = visit.picture(0)
+    changed = np.abs(with_names - without[..., :3]).max(axis=2) > 60
+    edge = int(np.flatnonzero((without[:-110, :, 3] > 250).any(axis=0)).max())  # of the ball
+    rows = changed[:, edge + 20 :].any(axis=1)
+    assert int((np.diff(rows.astype(int)) == 1).sum()) == 3  # names, with room between them
+    on_ball = changed[:, : edge - 30]
+    assert on_ball.any(axis=0).sum() > 20  # lines
+    assert on_ball.sum(axis=0).max() < 40  # and no name
     visit.page.close()

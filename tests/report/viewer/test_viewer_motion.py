@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
+from o3dls.case import Case
+from o3dls.estimate import Estimate
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report.writer import write_report
 from tests.browser import Visit
+from tests.finished import Icp, LevelSet, bulged_case
+from tests.tiny import sphere
 from tests.viewer import FIXTURES, press
 
 run, report, launch, browser, visit = FIXTURES
@@ -96,3 +104,53 @@ def test_a_place_between_is_in_the_address_and_left_for_before_and_after(visit: 
     assert not visit.page.locator("#fit").is_visible()
     press(visit, "Before / after")
     assert visit.page.locator("#fit-name").inner_text() == "icp"
+
+
+class Remesh(LevelSet):
+    """The result on faces of its own, 4 mm larger, as after a change of topology."""
+
+    name: ClassVar[str] = "remesh"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        found = super().__call__(case, start)
+        own = sphere(rings=10)
+        return replace(found, surface=own.with_vertices(1.2 * own.vertices), motion=None)
+
+
+class Same(Icp):
+    """A stage that changes nothing."""
+
+    name: ClassVar[str] = "same"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        return start
+
+
+def test_a_surface_of_its_own_faces_is_a_stop_and_the_last_is_the_result(
+    browser: Any, tmp_path: Path
+) -> None:
+    run = Pipeline([Icp(), LevelSet(), Remesh(), Same()], folds=0).run(bulged_case()).write(tmp_path / "run")
+    visit = Visit(browser, write_report([run]))
+    without_marks(visit)
+    visit.page.select_option("#field", label="no colour")
+    assert visit.page.locator("#fit-stops option").all_text_contents() == [
+        "start",
+        "icp",
+        "level_set",
+        "same",
+    ]
+    edges = {}
+    name, fit = visit.page.locator("#fit-name"), visit.page.locator("#fit")
+    for at, said in ((1.4, "40 % from icp to level_set"), (2.4, "level_set"), (2.6, "same"), (3, "same")):
+        edges[at] = right_edge(move(visit, at))
+        assert name.inner_text() == said
+        assert float(fit.input_value()) == (at if at == 1.4 else round(at))
+    assert edges[2.6] == edges[3]
+    assert edges[3] > edges[2.4] + 4
+    fit.focus()
+    for key, said in (("ArrowLeft", "level_set"), ("ArrowRight", "same"), ("PageDown", "level_set")):
+        visit.page.keyboard.press(key)
+        visit.settle()
+        assert fit.get_attribute("aria-valuetext") == said
+    assert right_edge(visit.picture(0)) == edges[2.4]
+    visit.page.close()

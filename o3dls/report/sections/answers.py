@@ -1,0 +1,136 @@
+"""What a reader asks first, each answered in a sentence: how far off the surface is, where not to rely on it,
+and what to do next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ...evaluation.next_places import MEAN_OVER_SD
+from ...evaluation.regions import word
+from ..grading.check import Check, worst_grade
+from ..grading.expected_error import contradicted_regions
+from ..mapping.advice import located, shown_advice
+from ..mapping.wall_regions import wall_regions
+from ..markup import Html, tag
+from ..subject import SETS, Subject
+from ..wall_parts import PRIOR_ONLY, Part, compared_parts
+
+NAMED = 3  # regions and places on the first screen; the tables have all
+UNMAPPED = 0.5  # share of a region without points from which its shape is that of the image
+# what to do about a check that is not OK; the others are answered by points or by the check's own sentence
+REMEDIES = {
+    "Converged": "give the motion more rounds",
+    "Size": "check units, heart phase and patient",
+    "Far points": "see whose points lie far off, and leave out those of another chamber",
+    "Share of outliers": "look at the points that were judged outliers",
+    "Removed wall": "see whether the removed wall is missing in the patient",
+    "Volume change": "check units, heart phase and missing veins",
+}
+
+
+def answers(subject: Subject, found: Sequence[Check]) -> Html:
+    """List the three answers that stand under the verdict, in the order in which they are asked."""
+    said = (
+        ("Typical error", "; ".join(_describe_errors(subject))),
+        ("Do not rely on", _describe_doubts(subject, found)),
+        ("Next", _describe_next(subject, found)),
+    )
+    items = (tag("div", tag("dt", name), tag("dd", f"{text}.")) for name, text in said)
+    return tag("dl", *items, class_="answers")
+
+
+def _describe_errors(subject: Subject) -> list[str]:
+    """Describe the error of each part of the wall, and whether it was measured or comes from the model."""
+    found = [_describe_error(part, subject) for part in compared_parts(subject)]
+    return [one for one in found if one] or [
+        "not known: no stage gives a posterior, and no point was left out"
+    ]
+
+
+def _describe_error(part: Part, subject: Subject) -> str | None:
+    """Give the larger of what was measured and what the model expects: neither may hide the other. Wall
+    without points has few points to measure by, so there the model speaks.
+    """
+    name = "unmapped wall" if part.name == PRIOR_ONLY else part.name
+    measured, expected = (None if part.n == 0 else part.found), part.expected
+    if part.name == PRIOR_ONLY and expected is not None:
+        measured = None
+    if measured is None and expected is None:
+        return None
+    if measured is not None and (expected is None or measured >= expected):
+        by = f"measured, {part.n} {SETS[subject.headline or 'fitted']}"
+        return f"{name} {measured:.1f} {subject.unit} ({by.removesuffix(' points')} points)"
+    beside = "" if measured is None else f", more than the {measured:.1f} measured at {part.n} points"
+    return f"{name} {expected:.1f} {subject.unit} (by the model{beside})"
+
+
+def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
+    """Name the regions that their points contradict, then those without points, each with its error."""
+    if worst_grade(found) == "bad":
+        return "the whole surface: a check failed"
+    named = [*_contradicted(subject), *_unmapped(subject)]
+    more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
+    return ", ".join([*named[:NAMED], *more]) or _describe_rest(subject)
+
+
+def _describe_rest(subject: Subject) -> str:
+    """Say how much wall has no points where no region is to be named."""
+    if not subject.unmapped:
+        return "no part in particular"
+    return f"the {subject.unmapped:.0%} of the wall without points (hatched); no whole region is to be named"
+
+
+def _contradicted(subject: Subject) -> Iterator[str]:
+    for name, one in contradicted_regions(subject).items():
+        yield f"{name} ({one.distance:.1f} {subject.unit} at {one.count} left-out points)"
+
+
+def _unmapped(subject: Subject) -> list[str]:
+    """List the regions that are mostly without points and that no point contradicts, the worst first, with
+    the error that the model expects.
+    """
+    surface, unit = subject.last.estimate.surface, subject.unit
+    of = wall_regions(subject, surface)
+    sd, far = (surface.fields.get(name) for name in (f"sd_{unit}", "prior_only"))
+    if of is None or sd is None or far is None:
+        return []
+    named = {}
+    for region in np.unique(of):
+        area = np.where((of == region) & np.isfinite(sd), surface.vertex_areas, 0.0)
+        if area.sum() > 0 and area @ far > UNMAPPED * area.sum():
+            named[word(int(region))] = MEAN_OVER_SD * float(area @ np.nan_to_num(sd) / area.sum())
+    others = {name: error for name, error in named.items() if name not in contradicted_regions(subject)}
+    worst = sorted(others.items(), key=lambda item: -item[1])
+    return [f"{name} (no points, {error:.1f} {unit} by the model)" for name, error in worst]
+
+
+def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
+    """Say what to do in one sentence: what failed comes first, then landmarks, then points."""
+    raised = {one.name: one for one in found if one.grade in ("amber", "bad")}
+    faulty = [name for name, one in raised.items() if one.grade == "bad"]
+    todo = [f"find out why this failed: {', '.join(faulty)}"] if faulty else []
+    todo += [text for name, text in REMEDIES.items() if name in raised]
+    if (mark := raised.get("Landmarks")) is not None:
+        todo.append(f"mark {mark.short.split(',')[0]} again")
+    if any(one.code == "landmark-not-used" for one in subject.last.estimate.warnings):
+        todo.append("mark the landmark again that was not used")
+    todo += [] if faulty else _places_to_map(subject)
+    if subject.headline == "fitted":
+        todo.append("cross-validate (folds = 5)")
+    return "; ".join(todo) or "nothing is asked for"
+
+
+def _places_to_map(subject: Subject) -> list[str]:
+    """Name the best places for one more point each, where the last estimate can tell."""
+    advice = shown_advice(subject)
+    if advice is None or not advice.places:
+        return []
+    known = [one.where for one in located(subject, advice) if one.where != "–"]
+    return (
+        [f"take points at: {' / '.join(dict.fromkeys(known))}"]
+        if known
+        else ["take points at the places below"]
+    )

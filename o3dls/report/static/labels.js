@@ -1,0 +1,61 @@
+// Names of landmarks beside the surface, at the left and the right, each with a line to its place: a name hides neither wall nor another name.
+
+const NAME_ROW = 18; // pixels from name to name
+const CUBE_ROOM = 92, BAR_ROOM = 40; // pixels that the cube takes at the lower left and the scale bar at the lower right
+
+function drawLabels(panel, context, width, height, ratio, ink) {
+  context.font = `${12 * ratio}px system-ui, sans-serif`;
+  const [middle, reach] = outlineOf(panel, width, height);
+  const marks = scene.landmarks.map(({ name, at }, k) => {
+    const text = name.length > 24 ? `${name.slice(0, 23)}…` : name;
+    const [x, y] = project(...at, width, height);
+    return { text, x, y, row: y, wide: context.measureText(text).width, strength: panel.hidden?.marks[k] ? FAINT : 1 };
+  });
+  for (const right of [false, true]) {
+    const side = marks.filter(({ x }) => x >= middle === right).sort((a, b) => a.y - b.y);
+    spreadRows(side, 12 * ratio, height - (right ? BAR_ROOM : CUBE_ROOM) * ratio, NAME_ROW * ratio);
+    for (const mark of side) {
+      const [far, last] = right ? [middle + reach, width - mark.wide - 6 * ratio] : [middle - reach - mark.wide, 6 * ratio];
+      drawLabel({ ...mark, left: right ? Math.min(far, last) : Math.max(far, last), right }, context, ratio, ink);
+    }
+  }
+}
+
+// The middle of the surface in the picture, and how far it may reach to each side, in pixels.
+function outlineOf({ geometry }, width, height) {
+  if (!geometry.boundingSphere) geometry.computeBoundingSphere();
+  const { center, radius } = geometry.boundingSphere;
+  return [project(center.x, center.y, center.z, width, height)[0], (radius * width * camera.zoom) / (camera.right - camera.left)];
+}
+
+// Rows from the top down, none nearer to the next than a gap, and then from the bottom up.
+function spreadRows(side, top, bottom, gap) {
+  side.forEach((mark, k) => { mark.row = Math.max(mark.y, k ? side[k - 1].row + gap : top); });
+  for (let k = side.length - 1; k >= 0; k--) side[k].row = Math.min(side[k].row, k < side.length - 1 ? side[k + 1].row - gap : bottom);
+}
+
+function drawLabel({ text, x, y, row, left, wide, right, strength }, context, ratio, ink) {
+  const edge = getComputedStyle(host).backgroundColor;
+  const end = right ? left - 3 * ratio : left + wide + 3 * ratio;
+  context.globalAlpha = strength;
+  if (strength < 1) context.setLineDash([2 * ratio, 2 * ratio]);
+  const ring = 3.5 * ratio, away = Math.max(Math.hypot(end - x, row - y), ring);
+  const line = new Path2D();
+  line.moveTo(x + (ring * (end - x)) / away, y + (ring * (row - y)) / away);
+  line.lineTo(end, row);
+  strokeLine(context, line, edge, 3 * ratio);
+  strokeLine(context, line, ink, ratio);
+  context.lineWidth = 1.5 * ratio;
+  context.beginPath();
+  context.arc(x, y, ring, 0, 2 * Math.PI);
+  context.stroke();
+  context.setLineDash([]);
+  context.globalAlpha = 0.8 * strength;
+  context.fillStyle = edge;
+  context.fillRect(left - 2 * ratio, row - 8 * ratio, wide + 4 * ratio, 16 * ratio);
+  context.globalAlpha = strength;
+  context.fillStyle = ink;
+  context.textBaseline = "middle";
+  context.fillText(text, left, row);
+  context.globalAlpha = 1;
+}

@@ -1,0 +1,129 @@
+"""What the first screen answers below the verdict: how far off, where not to rely on it, what to do next."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from o3dls.evaluation.regions import REGIONS
+from o3dls.report.checks import checks
+from o3dls.report.grading import expected_error as grading
+from o3dls.report.grading.check import Check
+from o3dls.report.grading.expected_error import contradicted_regions
+from o3dls.report.sections import answers as answers_module
+from o3dls.report.sections.answers import answers
+from o3dls.report.subject import Subject, read_subject
+from o3dls.report.wall_parts import wall_parts
+from o3dls.report.writer import write_report
+from tests.browser import Visit, chromium
+from tests.finished import bulged_case, finished, finished_2d
+
+OK = Check("Valid surface", "good", "valid", "valid")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("answers") / "run", folds=3)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launch:
+        yield launch()
+
+
+def said(subject: Subject, *found: Check) -> Mapping[str, str]:
+    """The answers by their names."""
+    text = str(answers(subject, found or (OK,)))
+    return dict(re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", text))
+
+
+def with_fields(subject: Subject, sd: float, far: Any) -> Subject:
+    """The subject with a deviation, and with its wall without points."""
+    last = subject.last
+    surface = last.estimate.surface
+    count = len(surface.vertices)
+    fields = {**surface.fields, "sd_mm": np.full(count, sd), "prior_only": np.broadcast_to(far, count) + 0.0}
+    estimate = replace(last.estimate, surface=replace(surface, fields=fields))
+    run = replace(last.run, estimates={**last.run.estimates, last.key: estimate})
+    return replace(subject, results={**subject.results, last.name: replace(last, run=run)}, runs=[run])
+
+
+def test_the_answers_stand_under_the_verdict_in_their_order(run: Path, browser: Any) -> None:
+    for width, height in ((1440, 900), (390, 844)):
+        visit = Visit(browser, write_report([run]), width=width, height=height)
+        order = visit.page.evaluate(
+            "[...document.querySelectorAll('h1, .overall, .answers dt, #panels canvas')]"
+            ".map((one) => [one.innerText?.split(' ')[0] ?? '', one.getBoundingClientRect().top])"
+        )
+        tops = [top for _, top in order]
+        assert [name for name, _ in order][2:5] == ["Typical", "Do", "Next"]
+        assert tops == sorted(tops)
+        assert tops[5] < height
+        visit.page.close()
+
+
+def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the_model(run: Path) -> None:
+    subject = read_subject([run])
+    mapped, unmapped = wall_parts(subject)
+    assert mapped.found is not None
+    assert unmapped.found is not None
+    told = said(with_fields(subject, 0.1, np.arange(len(subject.last.estimate.surface.vertices)) % 2))
+    assert (
+        f"mapped wall {mapped.found:.1f} mm (measured, {mapped.n} held out points)" in told["Typical error"]
+    )
+    assert "unmapped wall 0.1 mm (by the model)" in told["Typical error"]
+    larger = said(with_fields(subject, 9.0, 0.0))["Typical error"]
+    assert re.search(rf"mapped wall \d+\.\d mm \(by the model, more than the {mapped.found:.1f} meas", larger)
+
+
+def test_a_region_that_points_contradict_is_named_before_one_without_points(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject = with_fields(read_subject([run]), 2.0, 0.0)
+    assert said(subject)["Do not rely on"] == "no part in particular."
+    surface = subject.last.estimate.surface
+    of = np.where(surface.vertices[:, 0] > 0, REGIONS.index("RIPV"), REGIONS.index("LAA"))
+    subject = with_fields(subject, 2.0, surface.vertices[:, 0] <= 0)
+    points = subject.last.run.points
+    key = f"{subject.last.key}_mm"
+    points.columns[f"left_out_{key}"] = np.where(points.xyz[:, 0] > 0, 6.0, 0.1)
+    points.columns[f"left_out_sd_{key}"] = np.ones(len(points))
+    for module in (grading, answers_module):
+        monkeypatch.setattr(module, "wall_regions", lambda *_: of)
+    one = contradicted_regions(subject)["ostium RIPV"]
+    assert one.distance > 5.0
+    told = said(subject)["Do not rely on"]
+    first = f"ostium RIPV ({one.distance:.1f} mm at {one.count} left-out points)"
+    assert told == f"{first}, appendage (no points, 1.6 mm by the model)."
+    bad = Check("Far points", "bad", "far", "far")
+    assert said(subject, bad)["Do not rely on"] == "the whole surface: a check failed."
+
+
+def test_next_names_what_to_mark_and_where_to_map(run: Path) -> None:
+    subject = read_subject([run])
+    amber = Check("Landmarks", "amber", "far", "RIPV, 17.0 mm")
+    assert said(subject, amber)["Next"].startswith("mark RIPV again")
+    assert said(subject, OK)["Next"] == "nothing is asked for."  # this motion has no joint posterior
+    bad = Check("Size", "bad", "scale", "x 2")
+    assert "find out why this failed: Size; check units" in said(subject, bad)["Next"]
+
+
+def test_without_points_left_out_the_error_is_the_models_and_folds_are_asked_for(tmp_path: Path) -> None:
+    case = replace(bulged_case(), truth=None, points=bulged_case().points.of("eam"))
+    subject = read_subject([finished(tmp_path / "run", case)])
+    told = said(with_fields(subject, 1.0, 0.0))
+    assert told["Typical error"] == "mapped wall 0.8 mm (by the model)."
+    assert told["Next"] == "cross-validate (folds = 5)."
+    assert "measured, " in said(read_subject([finished_2d(tmp_path / "flat")]))["Typical error"]
+
+
+def test_every_remedy_is_of_a_check(run: Path) -> None:
+    names = {one.name for one in checks(read_subject([run]))}
+    assert set(answers_module.REMEDIES) < names
