@@ -80,7 +80,7 @@ def _describe_rest(subject: Subject) -> str:
     """Say how much wall has no points where no region is to be named."""
     if not subject.unmapped:
         return "no part in particular"
-    return f"the {subject.unmapped:.0%} of the wall without points (hatched); no whole region is to be named"
+    return f"the {subject.unmapped:.0%} of the wall without points (hatched)"
 
 
 def _contradicted(subject: Subject) -> Iterator[str]:
