@@ -11,8 +11,9 @@ FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in the
 into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
 benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
-points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
-patient's own atrium as the prior, and a map that leaves wall out or a prior that does; `altered` has
+points; `families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
+have a patient's own atrium as the prior, and a map that leaves wall out, a dense one, or a prior that lacks
+wall; `altered` has
 something wrong, and healthy cases beside it. Crossed cases say prior_of = "template". Names are groups and
 seeds as benchmarks.accuracy reads them:
 
@@ -20,6 +21,7 @@ seeds as benchmarks.accuracy reads them:
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
                                                                    one clustered with 5 % outliers
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
+    whole_<points>_<even|clustered>_<seed>                         noise 1.5 mm, 5 % outliers
     badly_segmented_<points>_<even|clustered>_<seed>
     altered_<what>_<points>_<seed>     what: a name of data_synth.altered.ALTERATIONS, or
         stranger    another person's prior, said to be the patient's
@@ -38,7 +40,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import cache
-from itertools import permutations, product
+from itertools import cycle, permutations, product
 from pathlib import Path
 from time import perf_counter
 from typing import Protocol
@@ -70,7 +72,7 @@ from o3dls.io.case_writer import write_case
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
     r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
-    r"|unvisited_[a-z]+_\d+_[a-z]+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
+    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")
@@ -106,6 +108,7 @@ FIRST_SEED = {
     "unvisited": {False: 701, True: 2701},
     "altered": {False: 701, True: 2701},
     "badly_segmented": {False: 901, True: 2901},
+    "whole": {False: 951, True: 3101},
 }
 FEW = (100, 250)
 # where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
@@ -139,6 +142,8 @@ OWN_JUDGING = (
 OWN_POINTS = (100, 350, 1000, 4000)
 OWN_NOISE = 1.5
 OWN_OUTLIERS = (0.0, 0.05)
+WHOLE_POINTS = (1000, 4000, 20_000)
+WHOLE = {False: 5, True: 10}  # atria, the last of each list
 REACH = 2.6  # radii: CT veins stay longer than catheters go
 BAD_POINTS = (250, 1000)
 BAD = {False: 5, True: 10}  # atria, the first of each list
@@ -358,6 +363,19 @@ def left_out(judging: bool) -> Iterator[Unvisited]:
             yield Unvisited(name, seed, how, prior, Visits(where), family, bool(drawn.integers(2)))
 
 
+def densely_mapped(judging: bool) -> Iterator[Wanted]:
+    """Some patients' own atria with a plain motion and many points, of which T alone may be as near as any
+    reconstruction; families take turns.
+    """
+    atria = (OWN_JUDGING if judging else OWN_DEVELOPMENT)[-WHOLE[judging] :]
+    for points, clustered in product(WHOLE_POINTS, (False, True)):
+        for k, (prior, motion) in enumerate(zip(atria, cycle(FAMILIES), strict=False)):
+            seed = FIRST_SEED["whole"][judging] + k
+            how = Mapping(points, OWN_NOISE, clustered, OUTLIERS)
+            name = f"whole_{points}_{'clustered' if clustered else 'even'}_{seed}"
+            yield Wanted(name, seed, how, prior, family=motion)
+
+
 @dataclass(frozen=True)
 class BadlySegmented:
     """A case whose prior lacks what the truth has, by its name, and what it is made of."""
@@ -470,6 +488,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "pairs": paired,
     "families": moved,
     "unvisited": left_out,
+    "whole": densely_mapped,
     "badly_segmented": bad_priors,
     "altered": altered_cases,
 }

@@ -20,6 +20,7 @@ from benchmarks.cases import find, tuned_as
         ("cross_20000_2_clustered_outliers_2103", "cross_20000_2_clustered_outliers", "cross_20000"),
         ("family_flow_1_landmarks_2301", "family_flow_1_landmarks", "family_flow_1"),
         ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
+        ("whole_20000_clustered_3104", "whole_20000_clustered", "whole_20000_clustered"),
         ("unvisited_half_350_even_705", "unvisited_half_350_even", "unvisited_half_350_even"),
         (
             "badly_segmented_250_clustered_2902",
