@@ -128,9 +128,7 @@ def _places_to_map(subject: Subject) -> list[str]:
     advice = shown_advice(subject)
     if advice is None or not advice.places:
         return []
-    known = [one.where for one in located(subject, advice) if one.where != "–"]
-    return (
-        [f"take points at: {' / '.join(dict.fromkeys(known))}"]
-        if known
-        else ["take points at the places below"]
-    )
+    known = dict.fromkeys(one.where for one in located(subject, advice) if one.where != "–")
+    if not known:
+        return ["take points at the places below"]
+    return [f"take more points here: {' or '.join(known)}"]
