@@ -154,6 +154,7 @@ def test_buffers_on_the_graphics_card_do_not_pile_up(visit: Visit, session: Play
 
 
 def test_a_surface_of_another_scene_is_not_drawn(visit: Visit, session: Played) -> None:
+    visit.settle()  # names of places move until the first picture rests
     before = visit.picture(0)
     far = session.script.surfaces[-1]
     session.server.publish({**far, "of": "another", "box": {**far["box"], "low": [500.0, 0.0, 0.0]}})
