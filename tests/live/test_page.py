@@ -154,7 +154,9 @@ def test_buffers_on_the_graphics_card_do_not_pile_up(visit: Visit, session: Play
 
 
 def test_a_surface_of_another_scene_is_not_drawn(visit: Visit, session: Played) -> None:
-    visit.settle()  # names of places move until the first picture rests
+    session.server.publish(state(FIRST + 3))  # its points are in both pictures
+    says(visit, "#points-now", f"{FIRST + 3},")
+    visit.page.wait_for_timeout(1000)
     before = visit.picture(0)
     far = session.script.surfaces[-1]
     session.server.publish({**far, "of": "another", "box": {**far["box"], "low": [500.0, 0.0, 0.0]}})
