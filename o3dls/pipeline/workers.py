@@ -21,6 +21,7 @@ from ..child_processes import safe_path
 from ..errors import InputError
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
+BEGUN = 10.0  # seconds in which a process has begun, also where others keep the cores busy
 log = logging.getLogger("o3dls")
 
 
@@ -42,10 +43,14 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
                     pool.submit(int)  # begins a process
             yield pool
         except BaseException:
+            follower = pool._executor_manager_thread
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
             # a process that is ended while it sends leaves half a result; with our end closed, none waits
             results._writer.close()  # type: ignore[attr-defined]
+            # one that is just beginning would not find the semaphores of a parent that has gone before it
+            if follower is not None:
+                follower.join(BEGUN + GRACE)  # type: ignore[attr-defined]  # of another class in typeshed
             raise
 
 

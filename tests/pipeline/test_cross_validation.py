@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -205,6 +207,28 @@ def test_where_no_process_can_be_begun_one_does_all_and_a_batch_says_why(
         assert pool is None
     with pytest.raises(InputError, match=r"Permission denied.*/dev/shm"), workers(2):
         pass
+
+
+INTERRUPTED = """
+from multiprocessing import get_context
+
+def interrupt():
+    from o3dls.pipeline.workers import workers
+    with workers(1):
+        raise SystemExit  # long before the process of the pool has begun
+
+if __name__ == "__main__":
+    child = get_context("spawn").Process(target=interrupt)
+    child.start()
+    child.join()
+"""
+
+
+def test_a_process_that_has_not_begun_when_its_parent_ends_says_nothing(tmp_path: Path) -> None:
+    """As the engine of a live session that ends at once: Python takes its semaphores away as it ends."""
+    (tmp_path / "interrupted.py").write_text(INTERRUPTED)
+    done = subprocess.run([sys.executable, tmp_path / "interrupted.py"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_there_is_a_second_process_only_for_folds_and_where_a_core_is_left(
