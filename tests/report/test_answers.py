@@ -13,11 +13,11 @@ import pytest
 
 from o3dls.evaluation.regions import REGIONS
 from o3dls.report.checks import checks
+from o3dls.report.grading import doubts as doubts_module
 from o3dls.report.grading import expected_error as grading
 from o3dls.report.grading.check import Check
 from o3dls.report.grading.expected_error import contradicted_regions
-from o3dls.report.sections import answers as answers_module
-from o3dls.report.sections.answers import answers
+from o3dls.report.sections.answers import REMEDIES, answers
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.wall_parts import wall_parts
 from o3dls.report.writer import write_report
@@ -95,15 +95,22 @@ def test_a_region_that_points_contradict_is_named_before_one_without_points(
     key = f"{subject.last.key}_mm"
     points.columns[f"left_out_{key}"] = np.where(points.xyz[:, 0] > 0, 6.0, 0.1)
     points.columns[f"left_out_sd_{key}"] = np.ones(len(points))
-    for module in (grading, answers_module):
+    for module in (grading, doubts_module):
         monkeypatch.setattr(module, "wall_regions", lambda *_: of)
-    one = contradicted_regions(subject)["ostium RIPV"]
+    one = contradicted_regions(subject)[REGIONS.index("RIPV")]
     assert one.distance > 5.0
     told = said(subject)["Do not rely on"]
     first = f"ostium RIPV ({one.distance:.1f} mm at {one.count} left-out points)"
     assert told == f"{first}, appendage (no points, 1.6 mm by the model)."
     bad = Check("Far points", "bad", "far", "far")
     assert said(subject, bad)["Do not rely on"] == "the whole surface: a check failed."
+    assert doubts_module.doubted_regions(subject, [bad]) == []
+    for doubt, right in zip(doubts_module.doubted_regions(subject, [OK]), (True, False), strict=True):
+        place = np.flatnonzero(
+            (surface.vertices == doubt.place).all(axis=1)
+        )
+        assert (surface.vertices[place, 0] > 0).tolist() == [right]
+        assert np.linalg.norm(doubt.place[1:]) < 0.3 * abs(doubt.place[0])
 
 
 def test_next_names_what_to_mark_and_where_to_map(run: Path) -> None:
@@ -126,4 +133,4 @@ def test_without_points_left_out_the_error_is_the_models_and_folds_are_asked_for
 
 def test_every_remedy_is_of_a_check(run: Path) -> None:
     names = {one.name for one in checks(read_subject([run]))}
-    assert set(answers_module.REMEDIES) < names
+    assert set(REMEDIES) < names

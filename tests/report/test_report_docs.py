@@ -156,9 +156,10 @@ def test_every_control_of_the_viewer_is_explained() -> None:
 
 def test_what_scripts_add_to_the_controls_is_explained_too() -> None:
     explained = {name for row in rows("no.") for name in re.findall(r"\*\*(.+?)\*\*", row[1])}
-    assert {"Reset", "next places", "outliers", "AP"} <= explained
+    assert {"Reset", "next places", "do not rely on", "outliers", "AP"} <= explained
     assert 'button($("reset"), "Reset"' in asset("start.js")
     assert '"next places"' in asset("next.js")
+    assert '"do not rely on"' in asset("labels.js")
 
 
 def test_every_colour_is_explained() -> None:

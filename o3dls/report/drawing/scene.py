@@ -12,6 +12,7 @@ from ...arrays import Array
 from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
+from ..grading.doubts import Doubt
 from ..mapping.advice import shown_advice
 from ..mapping.views import orientation
 from ..mapping.wall_regions import with_regions
@@ -31,8 +32,8 @@ GHOST_STYLES: dict[str, Json] = {
 }
 
 
-def scene(subject: Subject) -> Json:
-    """Collect everything that the viewer draws, JSON-ready."""
+def scene(subject: Subject, doubts: Sequence[Doubt] = ()) -> Json:
+    """Collect everything that the viewer draws, JSON-ready; doubts: the regions that get a label."""
     surfaces = with_regions(subject, all_surfaces(subject))
     fields = all_fields(subject, surfaces)
     ghosts = _ghost_surfaces(subject)
@@ -63,6 +64,7 @@ def scene(subject: Subject) -> Json:
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _pack_points(subject, low, size),
         "landmarks": _list_landmarks(subject),
+        "doubts": [{"name": one.name, "at": one.place.tolist()} for one in doubts],
         "next": _list_next_places(subject),
         **_describe_directions(subject),
     }

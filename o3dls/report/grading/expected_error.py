@@ -33,8 +33,8 @@ def check_expected_error(subject: Subject) -> Check:
     ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
     doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
     doubts += [
-        f"do not rely on it at {_describe_region(name, one, subject.unit)}"
-        for name, one in contradicted_regions(subject).items()
+        f"do not rely on it at {_describe_region(word(region), one, subject.unit)}"
+        for region, one in contradicted_regions(subject).items()
     ]
     if doubts:
         return Check(NAME, "amber", f"{said}; {'; '.join(doubts)}", f"{short}, contradicted")
@@ -46,18 +46,18 @@ def _list_parts(found: Expected, unit: str) -> str:
     return "; ".join(f"{name}: {value:.2f} {unit}" for name, value in parts if value is not None)
 
 
-def contradicted_regions(subject: Subject) -> dict[str, Scatter]:
+def contradicted_regions(subject: Subject) -> dict[int, Scatter]:
     """Return the scatter of the left-out points of each region that they contradict, the worst first."""
     of = wall_regions(subject, subject.last.estimate.surface)
     if of is None or left_out_scatter(subject.last) is None:
         return {}
     eam = subject.last.run.points.of("eam").xyz
     region = of[cKDTree(subject.last.estimate.surface.vertices).query(eam)[1]]
-    found = dict[str, Scatter]()
+    found = dict[int, Scatter]()
     for one in np.unique(region):
         scatter = left_out_scatter(subject.last, region == one)
         if scatter and scatter.count >= FEWEST and scatter.ratio > CONTRADICTED:
-            found[word(int(one))] = scatter
+            found[int(one)] = scatter
     return dict(sorted(found.items(), key=lambda item: -item[1].ratio))
 
 

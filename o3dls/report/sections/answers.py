@@ -4,22 +4,15 @@ and what to do next.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-import numpy as np
-
-from ...evaluation.next_places import MEAN_OVER_SD
-from ...evaluation.regions import word
 from ..grading.check import Check, worst_grade
-from ..grading.expected_error import contradicted_regions
+from ..grading.doubts import NAMED, doubted_regions
 from ..mapping.advice import located, shown_advice
-from ..mapping.wall_regions import wall_regions
 from ..markup import Html, tag
 from ..subject import SETS, Subject
 from ..wall_parts import PRIOR_ONLY, Part, compared_parts
 
-NAMED = 3  # regions and places on the first screen; the tables have all
-UNMAPPED = 0.5  # share of a region without points from which its shape is that of the image
 # what to do about a check that is not OK; the others are answered by points or by the check's own sentence
 REMEDIES = {
     "Converged": "give the motion more rounds",
@@ -68,10 +61,10 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
 
 
 def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
-    """Name the regions that their points contradict, then those without points, each with its error."""
+    """Name the regions not to rely on, each with its error."""
     if worst_grade(found) == "bad":
         return "the whole surface: a check failed"
-    named = [*_contradicted(subject), *_unmapped(subject)]
+    named = [f"{one.name} ({one.said})" for one in doubted_regions(subject, found)]
     more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
     return ", ".join([*named[:NAMED], *more]) or _describe_rest(subject)
 
@@ -81,30 +74,6 @@ def _describe_rest(subject: Subject) -> str:
     if not subject.unmapped:
         return "no part in particular"
     return f"the {subject.unmapped:.0%} of the wall without points (hatched)"
-
-
-def _contradicted(subject: Subject) -> Iterator[str]:
-    for name, one in contradicted_regions(subject).items():
-        yield f"{name} ({one.distance:.1f} {subject.unit} at {one.count} left-out points)"
-
-
-def _unmapped(subject: Subject) -> list[str]:
-    """List the regions that are mostly without points and that no point contradicts, the worst first, with
-    the error that the model expects.
-    """
-    surface, unit = subject.last.estimate.surface, subject.unit
-    of = wall_regions(subject, surface)
-    sd, far = (surface.fields.get(name) for name in (f"sd_{unit}", "prior_only"))
-    if of is None or sd is None or far is None:
-        return []
-    named = {}
-    for region in np.unique(of):
-        area = np.where((of == region) & np.isfinite(sd), surface.vertex_areas, 0.0)
-        if area.sum() > 0 and area @ far > UNMAPPED * area.sum():
-            named[word(int(region))] = MEAN_OVER_SD * float(area @ np.nan_to_num(sd) / area.sum())
-    others = {name: error for name, error in named.items() if name not in contradicted_regions(subject)}
-    worst = sorted(others.items(), key=lambda item: -item[1])
-    return [f"{name} (no points, {error:.1f} {unit} by the model)" for name, error in worst]
 
 
 def _describe_next(subject: Subject, found: Sequence[Check]) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from ..checks import checks
 from ..drawing.distance_charts import spread_section
 from ..drawing.pictures import static_pictures
 from ..drawing.scene import scene
+from ..grading.doubts import NAMED, doubted_regions
 from ..mapping.sections import next_section, region_section
 from ..mapping.views import orientation
 from ..markup import join, tag
@@ -43,7 +45,8 @@ def picture_section(subject: Subject) -> Section | None:
         else ""
     )
     note = tag("p", shapes + frame + more, class_="soft")
-    drawn = join(static_pictures(subject), viewer_scripts(scene(subject)), note)
+    doubts = doubted_regions(subject, checks(subject))[:NAMED]
+    drawn = join(static_pictures(subject), viewer_scripts(scene(subject, doubts)), note)
     return Section("pictures", "Side by side", drawn)
 
 

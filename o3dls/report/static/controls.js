@@ -5,6 +5,7 @@ const settings = {
   field: null,
   kinds: Object.fromEntries([...scene.points.names, "outliers"].map((name) => [name, true])),
   labels: true,
+  doubts: true,
   next: true,
   pointRange: scene.points.range.slice(),
   steps: Object.fromEntries(scene.fields.filter((field) => field.step).map((field) => [field.key, field.step])), // of isochrones

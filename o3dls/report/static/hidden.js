@@ -1,4 +1,4 @@
-// Landmarks and proposed places behind the wall: found by one ray each when the camera has come to rest, and then written faintly.
+// Landmarks, doubtful regions and proposed places behind the wall: found by one ray each when the camera has come to rest, and then written faintly.
 
 const FREE = 2; // mm of wall that do not hide a place: it lies on the wall itself
 const REST = 150; // ms without a new picture
@@ -8,10 +8,11 @@ function findHidden() {
   clearTimeout(resting);
   const marks = settings.labels ? scene.landmarks : [];
   const next = settings.next ? scene.next : [];
-  if (!marks.length && !next.length) return;
+  const doubts = settings.doubts ? scene.doubts : [];
+  if (!marks.length && !next.length && !doubts.length) return;
   resting = setTimeout(() => {
     const changed = panels.filter((panel) => panel.shown).map((panel) => {
-      const found = { marks: marks.map(({ at }) => hides(panel, at)), next: next.map(({ at }) => hides(panel, at)) };
+      const found = { marks: marks.map(({ at }) => hides(panel, at)), next: next.map(({ at }) => hides(panel, at)), doubts: doubts.map((_, k) => hides(panel, onWall(panel, k))) };
       const same = panel.hidden && JSON.stringify(found) === JSON.stringify(panel.hidden);
       panel.hidden = found;
       return !same;

@@ -1,15 +1,53 @@
-// Names of landmarks beside the surface, at the left and the right, each with a line to its place: a name hides neither wall nor another name.
+// Names of landmarks and of regions not to rely on, beside the surface at the left and the right, each with a line to its place: a name hides neither wall nor another name.
 
 const NAME_ROW = 18; // pixels from name to name
 const CUBE_ROOM = 92, BAR_ROOM = 40; // pixels that the cube takes at the lower left and the scale bar at the lower right
+const LONGEST = 24; // letters of a name
+
+if (scene.doubts.length) offerDoubts();
+
+function offerDoubts() {
+  checkbox($("kinds").parentElement, "do not rely on", (on) => {
+    settings.doubts = on;
+    invalidate();
+  }).id = "doubts";
+}
+
+const shortened = (name) => (name.length > LONGEST ? `${name.slice(0, LONGEST - 1)}…` : name);
+
+// What has a name in a panel: its text, its place and whether it is a doubt.
+function namedIn(panel) {
+  const marks = settings.labels ? scene.landmarks.map(({ name, at }, k) => ({ text: shortened(name), at, hidden: panel.hidden?.marks[k] })) : [];
+  const doubts = settings.doubts ? scene.doubts.map(({ name }, k) => ({ text: shortened(name), at: onWall(panel, k), hidden: panel.hidden?.doubts[k], doubt: true })) : [];
+  return [...marks, ...doubts];
+}
+
+// A place of a doubt on the wall of a panel: the vertex of its surface that is nearest to it.
+const nearestVertices = new WeakMap(); // by geometry
+function onWall({ geometry, mesh }, k) {
+  const own = geometryOf(mesh);
+  if (!nearestVertices.has(own)) nearestVertices.set(own, scene.doubts.map(({ at }) => nearestVertex(own, at)));
+  const place = geometry.getAttribute("position"), i = nearestVertices.get(own)[k];
+  return [place.getX(i), place.getY(i), place.getZ(i)];
+}
+
+function nearestVertex(geometry, [x, y, z]) {
+  const { array } = geometry.getAttribute("position");
+  let [nearest, least] = [0, Infinity];
+  for (let i = 0; i < array.length; i += 3) {
+    const far = (array[i] - x) ** 2 + (array[i + 1] - y) ** 2 + (array[i + 2] - z) ** 2;
+    if (far < least) [nearest, least] = [i / 3, far];
+  }
+  return nearest;
+}
 
 function drawLabels(panel, context, width, height, ratio, ink) {
-  context.font = `${12 * ratio}px system-ui, sans-serif`;
   const [middle, reach] = outlineOf(panel, width, height);
-  const marks = scene.landmarks.map(({ name, at }, k) => {
-    const text = name.length > 24 ? `${name.slice(0, 23)}…` : name;
+  const marks = namedIn(panel).map(({ text, at, hidden, doubt }) => {
     const [x, y] = project(...at, width, height);
-    return { text, x, y, row: y, wide: context.measureText(text).width, strength: panel.hidden?.marks[k] ? FAINT : 1 };
+    const font = `${doubt ? "bold " : ""}${12 * ratio}px system-ui, sans-serif`;
+    context.font = font;
+    return { text, x, y, row: y, font, doubt, wide: context.measureText(text).width, strength: hidden ? FAINT : 1 };
   });
   for (const right of [false, true]) {
     const side = marks.filter(({ x }) => x >= middle === right).sort((a, b) => a.y - b.y);
@@ -34,7 +72,9 @@ function spreadRows(side, top, bottom, gap) {
   for (let k = side.length - 1; k >= 0; k--) side[k].row = Math.min(side[k].row, k < side.length - 1 ? side[k + 1].row - gap : bottom);
 }
 
-function drawLabel({ text, x, y, row, left, wide, right, strength }, context, ratio, ink) {
+function drawLabel({ text, x, y, row, font, left, wide, right, strength, doubt }, context, ratio, plain) {
+  const ink = doubt ? getComputedStyle(host).getPropertyValue("--bad") : plain;
+  context.font = font;
   const edge = getComputedStyle(host).backgroundColor;
   const end = right ? left - 3 * ratio : left + wide + 3 * ratio;
   context.globalAlpha = strength;

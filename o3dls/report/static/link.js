@@ -47,7 +47,7 @@ const STATE = {
   },
 };
 
-const boxes = () => [...document.querySelectorAll("#shown input, #kinds input, #places input")];
+const boxes = () => [...document.querySelectorAll("#shown input, #kinds input, #places input, #doubts input")];
 const boxName = (box) => box.parentElement.textContent.trim();
 const optionText = (id) => $(id).selectedOptions[0].textContent;
 

@@ -1,4 +1,4 @@
-// What is written over the pictures: contours in the cut, landmark names, the cube and a scale bar.
+// What is written over the pictures: contours in the cut, names, the cube and a scale bar.
 
 const FAINT = 0.35; // of what is behind the wall
 const overlays = []; // what pages with more to show draw over every picture
@@ -14,7 +14,7 @@ function drawOverlay(panel, context, ratio) {
   const ink = getComputedStyle(panel.canvas).color;
   context.lineJoin = context.lineCap = "round";
   drawContours(context, width, height, ratio);
-  if (settings.labels) drawLabels(panel, context, width, height, ratio, ink);
+  drawLabels(panel, context, width, height, ratio, ink);
   if (settings.next) for (let k = scene.next.length - 1; k >= 0; k--) drawNumber({ ...scene.next[k], strength: panel.hidden?.next[k] ? FAINT : 1 }, context, width, height, ratio);
   overlays.forEach((draw) => draw(context, width, height, ratio, ink));
   drawPinned(context, width, height, ratio, ink);

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from o3dls.report.grading.doubts import Doubt
 from o3dls.report.writer import write_report
 from tests.browser import Visit
 from tests.finished import bulged_case, finished
@@ -188,3 +190,43 @@ def test_names_stand_apart_beside_the_surface_with_a_line_to_their_places(
     assert on_ball.any(axis=0).sum() > 20  # lines
     assert on_ball.sum(axis=0).max() < 40  # and no name
     visit.page.close()
+
+
+def test_regions_not_to_rely_on_have_names_and_lines_that_are_faint_behind_the_wall(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One in front at the place of a landmark, whose name it leaves free, and one behind on the left."""
+    case = bulged_case()
+    xyz = case.points.xyz.copy()
+    xyz[case.points.type == "landmark"] = [10, -16, 0]
+    folder = finished(tmp_path / "run", replace(case, points=replace(case.points, xyz=xyz)))
+    places = ("roof", [10.0, -16.0, 0.0]), ("ostium RIPV", [-9.0, 17.0, 0.0])
+    doubts = [Doubt(name, "far", np.array(at)) for name, at in places]
+    monkeypatch.setattr("o3dls.report.sections.order.doubted_regions", lambda *_: doubts)
+    visit = Visit(browser, write_report([folder]))
+    for box in visit.page.locator("#kinds input").all():
+        box.uncheck()
+    visit.page.select_option("#field", label="no colour")
+    visit.page.wait_for_timeout(400)  # the page looks after 150 ms of rest what is behind the wall
+    both = visit.picture(0)
+    visit.page.uncheck("#doubts input")
+    visit.settle()
+    with_landmarks = visit.picture(0)
+    visit.page.uncheck("#labels")
+    visit.settle()
+    without = visit.picture(0)
+    red = red_ink(both) & ~red_ink(with_landmarks)
+    middle = red.shape[1] // 2
+    assert red[:, middle:].sum() > 100
+    assert red[:, :middle].sum() < 0.1 * red[:, middle:].sum()  # too faint to be red
+    assert (np.abs(both - with_landmarks)[:, :middle] > 10).any()
+    marked = np.abs(with_landmarks - without)[..., :3].max(axis=2) > 60
+    ball = int(np.flatnonzero((without[:-110, :, 3] > 250).any(axis=0)).max()) + 20
+    assert not (red & marked)[:, ball:].any()  # no name lies on another
+    visit.page.wait_for_function("() => location.hash.includes('hide=do')")  # a link to it has it so
+    visit.page.close()
+
+
+def red_ink(picture: Any) -> Any:
+    """Where the colour of what is bad covers what is behind it."""
+    return (picture[..., 3] > 200) & (picture[..., 0] > 120) & (picture[..., 1:3].max(axis=2) < 110)
