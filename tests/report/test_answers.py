@@ -106,9 +106,7 @@ def test_a_region_that_points_contradict_is_named_before_one_without_points(
     assert said(subject, bad)["Do not rely on"] == "the whole surface: a check failed."
     assert doubts_module.doubted_regions(subject, [bad]) == []
     for doubt, right in zip(doubts_module.doubted_regions(subject, [OK]), (True, False), strict=True):
-        place = np.flatnonzero(
-            (surface.vertices == doubt.place).all(axis=1)
-        )
+        place = np.flatnonzero((surface.vertices == doubt.place).all(axis=1))
         assert (surface.vertices[place, 0] > 0).tolist() == [right]
         assert np.linalg.norm(doubt.place[1:]) < 0.3 * abs(doubt.place[0])
 
