@@ -155,13 +155,13 @@ def test_one_case_has_the_interval_of_its_own_points() -> None:
         r"-1\.00 mm in the one case .*interval -1\.\d\d to -0\.9\d mm: level_set closer\.$", said
     )
     found = tables([entry("a", icp=2.0, level_set=1.0)])
-    assert set(found) == {"means-0", "cases-0", "runs-0"}  # no table over cases
+    assert set(found) == {"means-0", "cases-0", "runs-0", "metrics-0"}  # no table over cases
 
 
 def test_one_estimate_alone_has_no_difference() -> None:
     alone = [entry("a", icp=2.0), entry("b", icp=3.0)]
     assert summary(block(*alone)) == "icp: mean distance 2.50 mm."
-    assert set(tables(alone)) == {"means-0", "runs-0"}
+    assert set(tables(alone)) == {"means-0", "runs-0", "metrics-0"}
 
 
 def test_millimetres_and_pixels_stand_apart() -> None:

@@ -174,6 +174,52 @@ def test_a_run_has_its_picture_and_its_mark_opens_its_report(browser: Any, tmp_p
     visit.page.close()
 
 
+def test_a_strip_of_each_metric_has_a_dot_for_each_run_that_opens_its_report(
+    browser: Any, tmp_path: Path
+) -> None:
+    """By its grade in colour and shape, with name and value when it is pointed at or reached by key."""
+    run = finished(tmp_path / "ball")
+    report = write_report([run])
+    (drawn,) = read_entries([run])
+    others = [
+        replace(entry("c", icp=1.5, level_set=0.01), grade="bad"),
+        replace(entry("d", icp=2.0, level_set=6.0), grade="amber"),
+        replace(entry("e", icp=2.0, level_set=7.0), grade="good"),
+    ]
+    path = tmp_path / "cohort.html"
+    path.write_text(cohort_page([drawn, *others], path), encoding="utf-8")
+    visit = Visit(browser, path, wait=False)
+    strips = visit.page.locator("svg.metric")
+    titles = strips.locator("> text:first-child").all_text_contents()
+    assert titles[:2] == ["mean distance, held out, mm", "result less baseline, mm"]
+    assert titles[-1] == "time of the run, s"
+    assert "true error, mm" in titles
+    rows = column(visit, "metrics-0", 1)
+    assert rows[:2] == ["7.00", "6.00"]  # the worst first
+    assert strips.nth(titles.index("true error, mm")).locator(".of-run").count() == 1  # who else knows it?
+    dots = strips.first.locator(".of-run")
+    places = [box["x"] for k in range(4) if (box := dots.nth(k).locator("g, path").last.bounding_box())]
+    assert places == sorted(places)
+    looks = [
+        dots.nth(k).locator("path").evaluate("one => getComputedStyle(one).fill + one.getAttribute('d')")
+        for k in (0, 2, 3)
+    ]
+    assert len(set(looks)) == 3
+    seen = "one => getComputedStyle(one).visibility"
+    visit.page.locator("svg.metric").first.locator("[tabindex='0']").focus()
+    assert strips.first.locator("[tabindex='0']").count() == 1  # of a strip Tab reaches one
+    visit.page.keyboard.press("Home")
+    said = [one.text_content() for one in dots.locator("text").all() if one.evaluate(seen) == "visible"]
+    assert said == ["c: 0.01 mm"]
+    visit.page.keyboard.press("ArrowRight")
+    said = [one.text_content() for one in dots.locator("text").all() if one.evaluate(seen) == "visible"]
+    assert said == [f"ball: {drawn.measured[drawn.last][1].mean():.2f} mm"]
+    assert violations(visit) == []
+    visit.page.keyboard.press("Enter")
+    visit.page.wait_for_url(report.resolve().as_uri())
+    visit.page.close()
+
+
 def test_of_many_runs_the_worst_have_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "MOST_DRAWN", 2)
     runs = [

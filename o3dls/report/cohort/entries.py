@@ -5,15 +5,16 @@ apart.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...arrays import Array
 from ...runs.record import Provenance
 from ..checks import checks
 from ..drawing.pictures import thumbnail
+from ..expected import expected_error
 from ..grading.check import Grade, doubtful, worst_grade
-from ..subject import Result, Subject, case_key, distinct_names, read_subject
+from ..subject import HEADLINE, SETS, Result, Subject, case_key, distinct_names, read_subject
 from ..verdict import warnings
 
 MOST_SAID = 6  # differing parameters that are named
@@ -45,6 +46,7 @@ class Entry:
     grade: Grade = "none"  # the worst of its checks
     doubts: tuple[str, ...] = ()  # the checks that ask for a look, in short, the worst first
     picture: bytes = b""  # a small one of the result, as a file of WebP
+    metrics: Mapping[str, float] = field(default_factory=dict)  # of the result, by their names
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
@@ -76,7 +78,24 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         grade=worst_grade(found := checks(subject)),
         doubts=tuple(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
         picture=thumbnail(subject),
+        metrics=_measure_result(subject),
     )
+
+
+def _measure_result(subject: Subject) -> dict[str, float]:
+    """Return the mean distances of a result to the sets that were not fitted, the error that its posterior
+    expects, and its distance to the true surface, where they are known.
+    """
+    scores, unit = subject.last.scores, subject.unit
+    found = {
+        f"mean distance, {SETS[name]}": scores.get(name, {}).get(f"mean_{unit}")
+        for name in HEADLINE
+        if name != "fitted"
+    }
+    expected = expected_error(subject)
+    found["expected error"] = expected.all if expected else None
+    found["true error"] = scores.get("truth", {}).get(f"assd_{unit}")
+    return {name: float(value) for name, value in found.items() if value is not None}
 
 
 def _parameters_up_to(result: Result, provenance: Provenance, group: str | None) -> dict[str, str]:

@@ -20,8 +20,9 @@ from ..subject import SETS
 from .cases import Block, outcome
 from .entries import Entry, told_apart
 from .grades import count_grades, describe_grades, raised
+from .metrics import metric_strips
 from .strips import strip_plot
-from .tables import cases_table, differences_table, means_table, runs_table
+from .tables import cases_table, differences_table, means_table, metrics_table, runs_table
 
 MOST_NAMED = 10  # runs whose doubts are not folded
 HOW = (
@@ -63,7 +64,7 @@ def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] |
     body = [_write_section(k, block, styles, out) for k, block in enumerate(blocks)]
     if mute:
         body.append(tag("p", f"Without points to judge by: {', '.join(mute)}."))
-    return page(title, join(*head, *body), "sort.js")
+    return page(title, join(*head, *body), "sort.js", "dots.js")
 
 
 def _write_count(n: int, word: str) -> str:
@@ -125,12 +126,14 @@ def _write_section(k: int, block: Block, styles: Mapping[str, int], out: Path) -
         "section",
         tag("h2", f"Judged by: {SETS[block.group]}, in {block.unit}; {count}"),
         tag("p", summary(block), class_="verdict"),
+        metric_strips(block, out),
         strip_plot(block, styles, means, out),
         means_table(means, block),
         differences_table(f"differences-{k}", block) if over else None,
         cases_table(f"cases-{k}", block) if block.differences else None,
         several,
         runs_table(f"runs-{k}", block, out),
+        metrics_table(f"metrics-{k}", block, out),
     )
 
 

@@ -13,7 +13,7 @@ from ...arrays import Array
 from ..drawing.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, axis_over
 from ..markup import Html, signed, tag
 from .cases import CLOSER, FARTHER, NEITHER, Block, CaseOfRuns, outcome, sign_of
-from .tables import link_report
+from .links import link_report
 
 MARGIN = 0.5  # of a column's width, left and right of the marks
 LETTER = 13.0  # pixels of the drawing that a letter takes on a narrow screen

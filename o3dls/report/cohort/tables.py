@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import base64
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import quote
 
 from ...evaluation.statistics import Difference
 from ..drawing.pictures import THUMBNAIL
@@ -16,6 +14,8 @@ from ..grading.check import WORDS, Grade
 from ..markup import Child, Html, join, signed, tag
 from .cases import Block, CaseOfRuns, Pair, outcome, sign_of
 from .entries import Entry
+from .links import link_report
+from .metrics import metrics_of
 
 MOST_DRAWN = 200  # runs with a picture, the worst: each takes some 4 kB of the page
 # by which rows are sorted
@@ -180,6 +180,21 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
     )
 
 
+def metrics_table(name: str, block: Block, out: Path) -> Html:
+    """Tabulate the metrics of every run, which are the dots of the strips, the worst first."""
+    metrics = metrics_of(block)
+    rows = [
+        [Cell(_show_run(run, out, drawn=False)), *(_value_cell(one.values[k]) for one in metrics)]
+        for k, run in sorted(enumerate(block.runs), key=lambda one: -_result_distance(one[1]))
+    ]
+    head = ["run, worst first", *(one.title for one in metrics)]
+    return sortable(name, "Metrics by run: the dots of the strips.", head, rows, 1)
+
+
+def _value_cell(value: float) -> Cell:
+    return Cell("–" if math.isnan(value) else f"{value:.2f}", value)
+
+
 def _result_distance(run: Entry) -> float:
     return float(run.measured[run.last][1].mean())
 
@@ -202,12 +217,3 @@ def _show_run(run: Entry, out: Path, *, drawn: bool) -> Child:
     shown = join(picture, run.name) if picture else run.name
     target = link_report(run, out)
     return tag("a", shown, href=target) if target else shown
-
-
-def link_report(run: Entry, out: Path) -> str | None:
-    """Return the address of a run's report as seen from the page `out`; None where it has none."""
-    report = run.folder / "report.html"
-    if not report.is_file():
-        return None
-    path = Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
-    return quote(os.fsencode(path))  # a folder may be named `javascript:`
