@@ -99,6 +99,34 @@ def test_more_controls_are_folded_on_narrow_screens_alone(browser: Any, report: 
     visit.page.close()
 
 
+PLACES = """() => ['#panels', '.panel'].map((one) => {
+    const { left, right, top, bottom } = document.querySelector(one).getBoundingClientRect();
+    return { left, right, top, bottom };
+})"""
+
+
+@pytest.mark.parametrize("size", [WIDE, (1100, 800), TABLET, PHONE])
+def test_the_controls_stand_at_the_side_of_the_pictures_or_below_them(
+    browser: Any, report: Path, size: tuple[int, int]
+) -> None:
+    """Two pictures stay beside each other, and keys reach them before the controls."""
+    visit = opened(browser, report, size)
+    pictures, controls = visit.page.evaluate(PLACES)
+    if size[0] >= 1100:
+        assert controls["left"] >= pictures["right"]
+        assert controls["top"] == pytest.approx(pictures["top"], abs=1)
+        assert controls["bottom"] - controls["top"] < 760
+    else:
+        assert controls["top"] >= pictures["bottom"]
+    tops = [box["y"] for one in visit.page.locator("#panels canvas").all() if (box := one.bounding_box())]
+    assert (len(set(tops)) == 1) == (size != PHONE)
+    order = (
+        "document.querySelector('#panels canvas').compareDocumentPosition(document.getElementById('field'))"
+    )
+    assert visit.page.evaluate(order) == 4  # follows
+    visit.page.close()
+
+
 @pytest.mark.parametrize("size", [WIDE, PHONE])
 def test_contents_stay_in_reach_and_mark_the_section_in_sight(
     browser: Any, report: Path, size: tuple[int, int]
