@@ -18,8 +18,8 @@ import numpy as np
 from o3dls.arrays import Array, Ints, Mask
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances, landmark_errors, sample
+from o3dls.evaluation.left_out import blocks
 from o3dls.geometry.surface import Surface
-from o3dls.pipeline.cross_validation import blocks
 from o3dls.runs.run import Run
 from o3dls.runs.surface_fields import with_fields
 

@@ -14,17 +14,15 @@ from threading import Thread
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import Ints
 from ..case import Case
 from ..errors import O3dlsError
 from ..estimate import Estimate
-from ..evaluation.left_out import LeftOut, left_out_points
+from ..evaluation.left_out import LeftOut, fold_of, left_out_points
 from ..evaluation.statistics import Difference, paired_difference
 from ..run_warning import RunWarning
 from ..runs.log import recorded_log
 
-BLOCKS_PER_FOLD = 3
-FEWEST_IN_BLOCK = 5
 log = logging.getLogger("o3dls")
 
 Fit = Callable[[Case], Mapping[str, Estimate]]
@@ -177,30 +175,3 @@ def without(case: Case, rows: Ints) -> Case:
     keep = np.ones(len(case.points), dtype=bool)
     keep[rows] = False
     return replace(case, points=case.points.select(keep), truth=None)
-
-
-def fold_of(points: Array, folds: int) -> Ints:
-    """Return the fold (n,) in 0..folds-1 of each point: a fold is made of a few compact blocks, so that a
-    point's neighbours leave with it.
-
-    Single points would be too easy to tell from their neighbours; one big block per fold would be too hard,
-    as it unmaps a whole wall.
-    """
-    count = max(folds, min(BLOCKS_PER_FOLD * folds, len(points) // FEWEST_IN_BLOCK))
-    fold = np.zeros(len(points), dtype=np.int64)
-    for k, rows in enumerate(blocks(points, np.arange(len(points)), count)):
-        fold[rows] = k % folds
-    return fold
-
-
-def blocks(points: Array, rows: Ints, count: int) -> list[Ints]:
-    """Return the rows in `count` compact blocks of equal size, by cutting across the direction of largest
-    spread again and again.
-    """
-    if count == 1:
-        return [rows]
-    centred = points[rows] - points[rows].mean(axis=0)
-    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
-    order = rows[np.argsort(centred @ direction, kind="stable")]
-    cut = round(len(rows) * (count // 2) / count)
-    return blocks(points, order[:cut], count // 2) + blocks(points, order[cut:], count - count // 2)

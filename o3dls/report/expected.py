@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..evaluation.left_out import block_of
 from ..evaluation.next_places import MEAN_OVER_SD
 from ..geometry.surface import Surface
 from .subject import Result, Subject
@@ -20,6 +21,7 @@ DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviati
 # errors of neighbours go together: a wall has some twenty independent ones, whose share within one standard
 # deviation scatters by .1; twice that is off
 OFF = 0.2
+FEWEST = 10  # points of a region from which they say something of it
 
 
 @dataclass(frozen=True)
@@ -36,34 +38,45 @@ class Expected:
 @dataclass(frozen=True)
 class Scatter:
     """This says how far points lie from the surfaces of fits without them: how many they are, the mean
-    distance, and its ratio to the deviation that these fits predicted, as rms (1 where the posterior holds).
-    Each point counts as far as the fit to all believes that it touches the wall.
+    distance, its ratio to the deviation that these fits predicted, as rms (1 where the posterior holds), and
+    the chance of as large a ratio where it holds. Each point counts as far as the fit to all believes that it
+    touches the wall.
+
+    Points of a block were left out together and err together, so that a block counts as one error: with the
+    belief b of each block, the ratio's square times n is as chi-square with n = (sum b)^2 / sum b^2 degrees
+    of freedom.
     """
 
     count: int
     distance: float
     ratio: float
+    chance: float
 
 
 def left_out_scatter(result: Result, rows: NDArray[np.bool_] | None = None) -> Scatter | None:
     """Return the scatter of the left-out points of an estimate, or of some of its `eam` points; None where
     none was left out or no posterior predicted it.
     """
+    from scipy.special import chdtrc
+
     points = result.run.points
     gap = points.columns.get(f"left_out_{result.key}_{result.run.unit}")
     deviation = points.columns.get(f"left_out_sd_{result.key}_{result.run.unit}")
     if gap is None or deviation is None:
         return None
     belief = _believe_points(result)
-    known = (points.type == "eam") & np.isfinite(deviation) & (deviation > 0.0) & (belief > 0.0)
+    eam = points.type == "eam"
+    known = eam & np.isfinite(deviation) & (deviation > 0.0) & (belief > 0.0)
     if rows is not None:
-        known[points.type == "eam"] &= rows
+        known[eam] &= rows
     if not known.any():
         return None
-    belief, gap, squared = belief[known], gap[known], (gap[known] / deviation[known]) ** 2
-    return Scatter(
-        len(gap), float(np.average(gap, weights=belief)), float(np.sqrt(np.average(squared, weights=belief)))
-    )
+    block = block_of(result.run.case.points.of("eam").xyz, max(1, result.run.provenance.pipeline["folds"]))
+    by_block = np.bincount(block[known[eam]], belief[known])
+    n = float(by_block.sum() ** 2 / (by_block**2).sum())
+    squared = float(np.average((gap[known] / deviation[known]) ** 2, weights=belief[known]))
+    distance = float(np.average(gap[known], weights=belief[known]))
+    return Scatter(int(known.sum()), distance, float(np.sqrt(squared)), float(chdtrc(n, n * squared)))
 
 
 def _believe_points(result: Result) -> Array:

@@ -22,8 +22,8 @@ from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
-from o3dls.evaluation.left_out import LeftOut, left_out_points
-from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, ending, fold_of, without
+from o3dls.evaluation.left_out import LeftOut, blocks, fold_of, left_out_points
+from o3dls.pipeline.cross_validation import Folds, cross_validate, ending, without
 from o3dls.pipeline.outcome import outcome_of
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.pipeline.start import start_estimate

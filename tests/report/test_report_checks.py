@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.stats import norm
 
 from o3dls.case import Points
+from o3dls.evaluation.left_out import block_of
 from o3dls.evaluation.regions import REGIONS
 from o3dls.geometry.surface import Surface
 from o3dls.report.checks import checks
@@ -202,19 +204,34 @@ def test_points_that_do_not_touch_the_wall_say_nothing_of_it(run: Path) -> None:
 def test_a_region_whose_points_contradict_the_posterior_is_named(
     run: Path, monkeypatch: pytest.MonkeyPatch, few: int, named: bool
 ) -> None:
-    subject = with_left_out(with_sd(read_subject([run]), 2.0), 2.0, 2.0)
+    subject = with_left_out(with_sd(read_subject([run]), 2.0), 1.0, 2.0)
     points, surface = subject.last.run.points, subject.last.estimate.surface
     eam = np.flatnonzero(points.type == "eam")
     nearest = cKDTree(surface.vertices).query(points.xyz[eam])[1]
     vertices, first, count = np.unique(nearest, return_index=True, return_counts=True)
     alone = np.flatnonzero(count == 1)[:few]  # vertices with one point each
-    points.columns[f"left_out_{subject.last.key}_mm"][eam[first[alone]]] = 6.0
+    points.columns[f"left_out_{subject.last.key}_mm"][eam[first[alone]]] = 8.0
     of = np.zeros(len(surface.vertices), dtype=np.int64)
     of[vertices[alone]] = REGIONS.index("RIPV")
     monkeypatch.setattr(grading, "wall_regions", lambda *_: of)
     found = check_of(subject, "Expected error")
     assert ("do not rely on it at ostium RIPV" in found.said) == named
     assert (found.grade == "amber") == named
+
+
+def test_points_that_were_left_out_together_are_one_witness(run: Path) -> None:
+    """Three times as far off as predicted is one chance in 370 for a block, and less for several."""
+    subject = with_left_out(with_sd(read_subject([run]), 2.0), 6.0, 2.0)
+    last = subject.last
+    block = block_of(last.run.case.points.of("eam").xyz, 1)
+    together, apart = block == 0, np.ones(len(block), dtype=bool)
+    one, three = left_out_scatter(last, together), left_out_scatter(last, apart)
+    assert one is not None
+    assert three is not None
+    assert (one.ratio, three.ratio) == pytest.approx((3.0, 3.0))
+    assert one.count > grading.FEWEST
+    assert one.chance == pytest.approx(2.0 * norm.sf(3.0))
+    assert three.chance < grading.UNLIKELY < one.chance
 
 
 def test_in_2d_areas_are_compared_and_parts_of_a_wall_are_not(tmp_path: Path) -> None:

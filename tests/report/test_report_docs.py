@@ -54,7 +54,7 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
         "check_expected_error",
         (
             f"more than {expected_error.NARROW:g} times as far off",
-            f"{expected_error.CONTRADICTED:g} times those of a region",
+            f"a region's by a chance below {100 * expected_error.UNLIKELY:g} %",
         ),
     ),
     "Calibration": ("_check_calibration", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),

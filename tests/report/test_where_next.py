@@ -17,6 +17,7 @@ from o3dls import Case, Deform, InputError, Pipeline, Points
 from o3dls.cli.commands import cli
 from o3dls.evaluation.regions import valve_of
 from o3dls.report.drawing.scene import scene
+from o3dls.report.expected import FEWEST
 from o3dls.report.mapping.advice import shown_advice
 from o3dls.report.mapping.sections import next_section, region_section
 from o3dls.report.mapping.wall_regions import advised, landmarks_in_map
@@ -82,6 +83,28 @@ def test_the_table_of_regions_adds_up(subject: Subject) -> None:
     cells = [re.findall(r"<td>(.*?)</td>", row) for _, row in rows]
     assert sum(float(row[0]) for row in cells) == pytest.approx(100.0, abs=0.1 * len(rows))  # as written
     assert sum(int(row[1]) for row in cells) == (subject.case.points.type == "eam").sum()
+
+
+def test_a_region_of_few_points_says_so_instead_of_a_number(subject: Subject) -> None:
+    points = subject.last.run.points
+    eam = points.type == "eam"
+    key = f"{subject.last.key}_mm"
+    columns = {
+        f"left_out_{key}": np.where(eam, 3.0, np.nan),
+        f"left_out_sd_{key}": np.where(eam, 2.0, np.nan),
+    }
+    run = replace(subject.last.run, points=replace(points, columns={**points.columns, **columns}))
+    results = {**subject.results, subject.last.name: replace(subject.last, run=run)}
+    section = region_section(replace(subject, results=results, runs=[run]))
+    assert section is not None
+    rows = re.findall(r"<tr><th scope=\"row\">.*?</th>(.*?)</tr>", section.body)
+    cells = [re.findall(r"<td>(.*?)</td>", row) for row in rows]
+    assert {(int(row[1]) >= FEWEST, row[5]) for row in cells if row[1] != "0"} == {
+        (True, "1.50"),
+        (False, "too few points"),
+    }
+    assert {row[2] for row in cells if 0 < int(row[3]) < FEWEST} == {"too few points"}
+    assert "too few points" not in {row[2] for row in cells if int(row[3]) >= FEWEST}
 
 
 def test_the_pictures_have_the_regions_as_whole_numbers(subject: Subject) -> None:

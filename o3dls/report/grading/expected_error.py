@@ -6,16 +6,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...evaluation.regions import word
-from ..expected import Expected, Scatter, expected_error, left_out_scatter
+from ..expected import FEWEST, Expected, Scatter, expected_error, left_out_scatter
 from ..mapping.wall_regions import wall_regions
 from ..subject import Subject
 from ..wall_parts import MAPPED, PRIOR_ONLY
 from .check import Check
 
 # times as far off as predicted: left-out points of one block err together, and of fifteen blocks such a ratio
-# scatters by a fifth; of the one or two blocks of a region by half
-NARROW, CONTRADICTED = 1.5, 2.0
-FEWEST = 10  # points of a region from which it can be contradicted
+# scatters by a fifth
+NARROW = 1.5
+UNLIKELY = (
+    0.001  # chance of the left-out points of a region where the posterior holds: of a dozen regions each
+)
 NAME = "Expected error"
 
 
@@ -56,9 +58,9 @@ def contradicted_regions(subject: Subject) -> dict[int, Scatter]:
     found = dict[int, Scatter]()
     for one in np.unique(region):
         scatter = left_out_scatter(subject.last, region == one)
-        if scatter and scatter.count >= FEWEST and scatter.ratio > CONTRADICTED:
+        if scatter and scatter.count >= FEWEST and scatter.chance < UNLIKELY:
             found[int(one)] = scatter
-    return dict(sorted(found.items(), key=lambda item: -item[1].ratio))
+    return dict(sorted(found.items(), key=lambda item: item[1].chance))
 
 
 def _describe_region(name: str, one: Scatter, unit: str) -> str:

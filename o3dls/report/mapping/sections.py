@@ -10,6 +10,7 @@ from ...arrays import Array, Ints
 from ...evaluation.interpolation import REACH
 from ...evaluation.next_places import MEAN_OVER_SD, Advice
 from ...evaluation.regions import word
+from ..expected import FEWEST, left_out_scatter
 from ..markup import Child, Html, join, millimetres, table, tag
 from ..section import Section
 from ..subject import SETS, Subject
@@ -48,7 +49,7 @@ def _places_table(subject: Subject, found: Advice) -> Html:
 
 
 def region_section(subject: Subject) -> Section | None:
-    """Tabulate each region's share, points, distances and deviation; None where regions are not known."""
+    """Tabulate each region's share, points, distances and errors; None where regions are not known."""
     surface = subject.last.estimate.surface
     of = wall_regions(subject, surface)
     if of is None:
@@ -62,12 +63,12 @@ def region_section(subject: Subject) -> Section | None:
         f"mean distance, {judged}, {unit}",
         "n",
         f"expected error, {unit}",
-        f"posterior standard deviation, {unit}",
+        "left-out points, times as far off as predicted",
         "without points, %",
     ]
     note = (
         f"Of {subject.last.name}, by the patient's axes and the named places. Without points: farther than "
-        f"{REACH:g} {unit} from every fitted point."
+        f"{REACH:g} {unit} from every fitted point. Fewer than {FEWEST} points say nothing of a region."
     )
     body = table(head, _region_rows(subject, of, group), note)
     return Section("regions", "Regions of the wall", body)
@@ -77,7 +78,7 @@ def _region_rows(subject: Subject, of: Ints, group: str | None) -> list[list[Chi
     surface = subject.last.estimate.surface
     area = surface.vertex_areas
     tree = cKDTree(surface.vertices)
-    points = of[tree.query(subject.case.points.of("eam").xyz)[1]]
+    points = of[tree.query(subject.last.run.points.of("eam").xyz)[1]]
     xyz, gaps = subject.last.measured(group) if group else (np.zeros((0, 3)), np.zeros(0))
     at = of[tree.query(xyz)[1]] if len(xyz) else np.zeros(0, dtype=np.int64)
     sd = surface.fields.get(f"sd_{subject.unit}", np.full(len(of), np.nan))
@@ -86,6 +87,7 @@ def _region_rows(subject: Subject, of: Ints, group: str | None) -> list[list[Chi
     for region in np.unique(of):
         part = of == region
         there = at == region
+        scatter = left_out_scatter(subject.last, points == region)
         mean_sd = _mean_by_area(area, sd, part)
         alone = _mean_by_area(area, far, part)
         rows.append(
@@ -93,14 +95,19 @@ def _region_rows(subject: Subject, of: Ints, group: str | None) -> list[list[Chi
                 word(int(region)),
                 f"{100 * area[part].sum() / area.sum():.1f}",
                 int((points == region).sum()),
-                millimetres(float(gaps[there].mean()) if there.any() else None),
+                _unless_few(int(there.sum()), float(gaps[there].mean()) if there.any() else None),
                 int(there.sum()),
                 millimetres(None if mean_sd is None else MEAN_OVER_SD * mean_sd),
-                millimetres(mean_sd),
+                "–" if scatter is None else _unless_few(scatter.count, scatter.ratio),
                 "–" if alone is None else f"{100 * alone:.0f}",
             ]
         )
     return rows
+
+
+def _unless_few(count: int, value: float | None) -> str:
+    """Write a value of a region's points, unless there are too few of them."""
+    return "too few points" if 0 < count < FEWEST else millimetres(value)
 
 
 def _mean_by_area(area: Array, values: Array, part: NDArray[np.bool_]) -> float | None:
