@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from o3dls.report.subject import SETS
 from o3dls.report.writer import write_report
 from tests.browser import Visit, chromium, violations
 from tests.finished import finished, finished_2d
@@ -223,6 +224,15 @@ def test_tables_scroll_in_their_own_box_and_cut_nothing(
         assert visit.page.evaluate("document.querySelectorAll('table').length") > 5
         assert visit.page.evaluate(CUT) == []
         visit.page.close()
+
+
+def test_the_longest_word_of_a_heading_stays_in_its_column(browser: Any, report: Path) -> None:
+    visit = opened(browser, report, WIDE)
+    heading = visit.page.locator("#scores thead th").nth(1)
+    heading.evaluate("one => { one.textContent = 'true correspondence'; }")  # of `subject.SETS`
+    assert "true correspondence" in SETS.values()
+    assert heading.evaluate("one => one.scrollWidth <= one.clientWidth")
+    visit.page.close()
 
 
 CUT = """() => [...document.querySelectorAll('table')].flatMap((table) => {

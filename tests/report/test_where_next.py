@@ -68,6 +68,31 @@ def test_the_section_has_a_row_for_each_number_in_the_pictures(subject: Subject)
     assert 'id="next"' in report_page(subject)
 
 
+@pytest.mark.parametrize("width", [1440, 390])
+def test_what_a_place_gains_is_seen_on_the_first_screen_and_in_the_table(
+    browser: Any, subject: Subject, tmp_path: Path, width: int
+) -> None:
+    """Without scrolling aside, and as one value: before and with a point."""
+    found = shown_advice(subject)
+    assert found is not None
+    gains = [f"{one.near_before:.2f} → {one.near_after:.2f}" for one in found.places]
+    path = tmp_path / "report.html"
+    path.write_text(report_page(subject), encoding="utf-8")
+    visit = Visit(browser, path, width=width, height=844)
+    answer = visit.page.locator(".answers dd").last
+    assert f"(error there {gains[0]} mm)" in answer.inner_text()
+    box = answer.bounding_box()
+    assert box["y"] + box["height"] < 844
+    visit.page.locator("#next").scroll_into_view_if_needed()
+    visit.settle()
+    for k, gain in enumerate(gains):
+        cell = visit.page.locator("#next tbody tr").nth(k).get_by_text(gain, exact=True)
+        box = cell.bounding_box()
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+        assert cell.evaluate("one => one.scrollWidth <= one.clientWidth")
+    visit.page.close()
+
+
 def test_without_a_posterior_there_is_no_advice(without: Path) -> None:
     subject = read_subject([without])
     assert next_section(subject) is None

@@ -17,13 +17,11 @@ from .wall_regions import advised, landmarks_in_map, wall_regions
 
 SHOWN = 3  # places in the report
 HEAD = (
-    "place",
     "where",
+    "error around it, now → with a point",
+    "error of the wall, now → with a point",
     "nearest point",
-    "error around",
-    "with a point",
-    "error of the wall",
-    "with a point",
+    "place",
 )
 
 
@@ -45,14 +43,17 @@ class Located:
         near = f"{self.landmark_distance:.0f} {self.unit} from {self.landmark}" if self.landmark else ""
         return ", ".join(filter(None, [self.region, near])) or "–"
 
+    @property
+    def gain(self) -> str:
+        """The error that is expected around the place, without and with a point there."""
+        return f"{self.place.near_before:.2f} → {self.place.near_after:.2f}"
+
     def cells(self) -> list[str]:
         """Return the cells of the place's row in a table, as `HEAD` names its columns."""
         one = self.place
         at = ", ".join(f"{x:.1f}" for x in one.xyz)
-        around = [f"{error:.2f}" for error in (one.near_before, one.near_after)]
         # three digits: one point changes the error of the whole wall little
-        wall = [f"{error:.3f}" for error in (one.before, one.after)]
-        return [at, self.where, f"{one.distance:.1f}", *around, *wall]
+        return [self.where, self.gain, f"{one.before:.3f} → {one.after:.3f}", f"{one.distance:.1f}", at]
 
     def record(self) -> dict[str, Any]:
         """Return the place with its region and landmark as plain values, JSON-ready."""

@@ -54,11 +54,10 @@ def _write_text(subject: Subject, places: list[Located], ended: str) -> str:
     title = f"{case.name}: where to map next, {subject.last.name}; {unit}, frame of the map: {case.frame}"
     lines = [title]
     for k, one in enumerate(places, 1):
-        at, where, gap, around, around_after, wall, wall_after = one.cells()
+        where, around, wall, gap, at = (cell.replace("→", "->") for cell in one.cells())
         lines += [
             f"{k}  {where}, at ({at})",
-            f"   error around {around} -> {around_after} {unit}, of the wall {wall} -> {wall_after} {unit}; "
-            f"nearest point {gap} {unit}",
+            f"   error around {around} {unit}, of the wall {wall} {unit}; nearest point {gap} {unit}",
         ]
     return "\n".join(
         fill(line, WIDTH, subsequent_indent="   ")

@@ -93,11 +93,18 @@ def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
 
 
 def _places_to_map(subject: Subject) -> list[str]:
-    """Name the best places for one more point each, where the last estimate can tell."""
+    """Name the best places for one more point each, with what it gains there, where the last estimate can
+    tell.
+    """
     advice = shown_advice(subject)
     if advice is None or not advice.places:
         return []
-    known = dict.fromkeys(one.where for one in located(subject, advice) if one.where != "–")
-    if not known:
-        return ["take points at the places below"]
-    return [f"take more points here: {' or '.join(known)}"]
+    known = dict[str, str]()
+    for one in located(subject, advice):
+        if one.where != "–":
+            known.setdefault(one.where, f"{one.where} (error there {one.gain} {subject.unit})")
+    return [
+        f"take more points here: {' or '.join(known.values())}"
+        if known
+        else "take points at the places below"
+    ]
