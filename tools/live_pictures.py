@@ -18,9 +18,9 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.browser import chromium
+from tools.report_pictures import write
 
 WIDTH, HEIGHT = 1400, 900  # of the window
-COLOURS = 128
 MOMENTS = {"live_first": 15, "live_middle": 50, "live_last": 100}  # points taken
 SETTLED = """([count, all]) => {
     const now = document.getElementById('points-now').textContent.match(/\\d+/g);
@@ -37,10 +37,8 @@ rm patient/outliers.csv
 
 
 def taken(page: Any, out: Path) -> None:
-    """A picture of the window, with few colours."""
-    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(out, optimize=True)
-    sys.stdout.write(f"{out}\n")
+    """A picture of the window."""
+    write(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), out)
 
 
 def main(out: Path) -> None:

@@ -2,6 +2,8 @@
 cohort. What the first screen says is written beside them, so that a test notices when it is no longer so.
 
     o3dls demo --out o3dls_demo
+    for seed in 11 12 13 14; do python -m data_synth atrium cases/atrium_$seed --seed $seed; done
+    o3dls batch 'cases/*' --out runs
     python tools/report_pictures.py o3dls_demo/report.html docs [runs/cohort.html]
 
 Needs playwright (the extra `test`) and a Chromium.
@@ -28,6 +30,7 @@ SMALL = 760  # pixels across of a picture that would be too tall
 RED = "#b00020"
 RADIUS = 11  # of a number's disc, pixels
 PASSES = 3  # over the palette, without which the few pixels of a legend get the colour of something else
+PANEL = 245  # of 255, the brightest of a panel: what is brighter is the page
 SHOWN = "report_shown.json"  # what the pictures of the first screen say
 ROOM = 24  # pixels around a part of the page, for the discs
 ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -40,20 +43,20 @@ FIRST_SCREEN = (
     "header .strip",
     "header p.soft",
     "nav.contents",
-    ".toolbar",
+    ".panel",
     "#panels figure",
     "#panels figure:nth-of-type(2)",
 )
 VIEWER = (
     "label:has(#field)",
-    "#views",
+    "#views button",
     "label:has(#translucent)",
     "label:has(#ghost)",
     "label:has(#cut)",
     "#measure",
     "#shown",
     "#pair",
-    "#kinds",
+    "#kinds label",
     "#torso",
     "#panels select.estimate",
     "#readout",
@@ -195,6 +198,9 @@ def opened(path: Path, width: int) -> Iterator[Page]:
 def write(picture: Image.Image, path: Path) -> None:
     """As a PNG with a palette, which is a quarter of the size, dithered so that colours have no bands."""
     palette = picture.quantize(kmeans=PASSES, dither=Image.Dither.NONE)
+    colours = palette.getpalette() or []
+    rows = [colours[k : k + 3] for k in range(0, len(colours), 3)]
+    palette.putpalette([part for row in rows for part in ([255] * 3 if min(row) > PANEL else row)])
     picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
     sys.stdout.write(
         f"{path.name}: {picture.width} x {picture.height}, {path.stat().st_size / 1000:.0f} kB\n"
@@ -218,7 +224,7 @@ def main(report: Path, out: Path, cohort: Path | None = None) -> None:
     if cohort is None:
         return
     with opened(cohort, WIDTH - 2 * ROOM) as page:
-        write(part(page, "h1", "table"), out / "report_cohort.png")
+        write(part(page, "h1", ".charts"), out / "report_cohort.png")
 
 
 if __name__ == "__main__":

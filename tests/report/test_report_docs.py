@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import ROOT
 
@@ -207,6 +208,26 @@ def test_pictures_are_small(name: str) -> None:
     with image.open(path) as picture:
         assert picture.mode == "P"
         assert picture.width <= MOST_PIXELS
+
+
+def test_pictures_have_no_bands_of_colour_and_the_page_stays_white(tmp_path: Path) -> None:
+    """Of a smooth change of colours, the mean of each place is kept, whatever the palette has."""
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: the tool needs it")
+    across, down = np.meshgrid(np.arange(240.0), np.arange(240.0))
+    smooth = np.dstack([across, down, 240.0 - across])
+    page = np.full((300, 300, 3), 255.0)
+    page[30:270, 30:270] = smooth
+    runpy.run_path(str(ROOT / "tools" / "report_pictures.py"))["write"](
+        image.fromarray(page.astype(np.uint8)), tmp_path / "written.png"
+    )
+    found = np.asarray(image.open(tmp_path / "written.png").convert("RGB"), dtype=float)
+    assert (found[:28] == 255.0).all()
+    means = [
+        part[30:270, 30:270].reshape(20, 12, 20, 12, 3).mean(axis=(1, 3))[1:-1, 1:-1]
+        for part in (found, page)
+    ]
+    assert np.abs(means[0] - means[1]).max() < 3.0
 
 
 def test_links_lead_to_headings_that_are_there() -> None:
