@@ -102,7 +102,8 @@ def _places_to_map(subject: Subject) -> list[str]:
     known = dict[str, str]()
     for one in located(subject, advice):
         if one.where != "–":
-            known.setdefault(one.where, f"{one.where} (error there {one.gain} {subject.unit})")
+            words = "" if known else "error there "
+            known.setdefault(one.where, f"{one.where} ({words}{one.gain} {subject.unit})")
     return [
         f"take more points here: {' or '.join(known.values())}"
         if known
