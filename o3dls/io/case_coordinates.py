@@ -141,3 +141,34 @@ def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str
             f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say {option}{likely}, "
             f"else {option}mm"
         )
+
+
+def check_common_units(
+    folder: Folder, prior: SurfaceFile, table: Table, xyz: Array, least: float = 0.1, most: float = 4.0
+) -> None:
+    """Raise InputError where the units that are said of all files that state none make points (n, 3) and
+    prior of different size, and fit one of the two alone. The points of a single vein are `least` times as
+    large as a prior; `most` is beyond any.
+    """
+    given = folder.settings.get("units")
+    if given in (None, "mm", "px") or len(xyz) == 0:
+        return
+    size = prior.surface.diagonal
+    span = float(np.linalg.norm(np.ptp(np.quantile(xyz, (0.05, 0.95), axis=0), axis=0)))
+    both = f"of {given} the points span {span:.3g} mm, the prior {size:.3g} mm"
+
+    def fits(factor: float) -> bool:
+        return least * size <= span * factor <= most * size
+
+    if fits(1.0):
+        return
+    if table.notes.get("units", "unknown") not in MILLIMETRES and fits(1.0 / MILLIMETRES[given]):
+        raise InputError(
+            f"{table.path}: {both}; if the points are in mm, add the line '# units=mm' above the header of "
+            "their file"
+        )
+    if prior.units not in MILLIMETRES and fits(MILLIMETRES[given]):
+        raise InputError(
+            f"{folder.find('prior')}: {both}; if the prior is in mm, write that into it: "
+            "o3dls convert PRIOR OUT --units mm"
+        )
