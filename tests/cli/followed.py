@@ -12,7 +12,10 @@ from o3dls.cli.commands import cli
 ROOT = Path(__file__).resolve().parents[2]
 OPTION = re.compile(r"(?<![\w-])--(?:\{\}|[a-z][a-z-]+)")
 COMMAND = re.compile(r"o3dls (\w+)")
-SAID = re.compile(r"\b[Ss]ay\b|\brun (?:it|them|again|there|the case|a pipeline)\b|\bpip install\b")
+SAID = re.compile(
+    r"\b[Ss]ay\b|\bomit\b|\brun (?:it|them|again|there|the case|a pipeline)\b|\bpip install\b"
+    r"|\bthe stage global_pose\b|\bengine '|\buse case_of\b"
+)
 # a line of a file, or a keyword: `cap = true`, `units='mm'`
 LINE = re.compile(r"\b[a-z_]+ ?= ?(?:[\"'{\[]|true|false|True|\d)|case\.toml")
 VERB = re.compile(r"\b(?:add|correct|give|leave|name|omit|put|raise|remove|set|state|take|use|write)\b")

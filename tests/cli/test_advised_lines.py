@@ -5,6 +5,7 @@ sentence is about.
 from __future__ import annotations
 
 import re
+import shutil
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,11 +16,15 @@ import numpy as np
 import pytest
 
 import o3dls
+from o3dls.case import Case, Points
 from o3dls.errors import InputError
+from o3dls.estimate import Estimate
+from o3dls.geometry.similarity import apply
 from o3dls.geometry.surface import Surface
 from o3dls.io.case_writer import write_case
 from o3dls.io.points import write_points
 from o3dls.io.surfaces import write_surface
+from tests.chamber import chamber, measured, pose, sampled
 from tests.cli.test_advised_commands import LANDMARKS, ball, followed, refused
 from tests.tiny import ball_case, disc_case, sphere
 
@@ -209,26 +214,52 @@ def test_a_pipeline_and_its_run_name_their_folders(tmp_path: Path, monkeypatch: 
     assert (made / "run.json").is_file()
 
 
+def with_rectangle(seed: int, off: float, *, swapped: bool) -> Case:
+    """A case whose landmarks are the corners of a rectangle, so far off the middle, which tell nobody left
+    from right, and whose prior is 1.5 times too large.
+    """
+    prior, T = chamber(24), pose(20.0, 8.0)
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    corners = np.array([[1.0, 1], [1, -1], [-1, 1], [-1, -1]]) * rng.uniform(10.0, 25.0, 2)
+    at = prior.vertices.mean(axis=0) + off * rng.normal(size=3) + corners @ axes
+    names = np.array(["LSPV", "LIPV", "RSPV", "RIPV"])
+    places = apply(T, np.vstack([sampled(prior, 60, seed), at]))
+    kinds = np.array(["eam"] * 60 + ["landmark"] * 4)
+    points = Points(places, kinds, {"name": np.concatenate([np.full(60, ""), names])})
+    named = names[[2, 3, 0, 1]] if swapped else names
+    marks = {str(name): 1.5 * place for name, place in zip(named, at, strict=True)}
+    return Case("rectangle", prior.with_vertices(1.5 * prior.vertices), points, marks)
+
+
 @pytest.mark.parametrize("where", ["option", "file"])
 def test_a_factor_of_size_is_estimated_where_that_is_said(where: str, plan: Path, tmp_path: Path) -> None:
-    case = ball_case(60)
-    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1.0]])
-    larger = replace(
-        case,
-        prior=case.prior.with_vertices(1.4 * case.prior.vertices @ turn),
-        prior_landmarks={name: 1.4 * at @ turn for name, at in case.prior_landmarks.items()},
-    )
-    write_case(tmp_path / "case", replace(larger, truth=None))
-    run = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
+    """Of names that are swapped besides it is said next, and not the factor again."""
+    write_case(tmp_path / "case", with_rectangle(5, 12.0, swapped=True))
+    run: tuple[object, ...] = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
     line = line_in(refused(*run), "landmarks.scale")
     if where == "option":
-        followed(*run, "--set", line)
+        run += ("--set", line)
     else:
         stage, _, setting = line.partition(".")
         plan.write_text(LANDMARKS.replace(f'"{stage}"\n', f'"{stage}"\n{setting}\n'))
-        followed(*run)
-    found = o3dls.read_run(tmp_path / "run").final_estimate.surface
-    assert found.diagonal == pytest.approx(case.prior.diagonal, rel=0.05)
+    said = refused(*run)
+    assert "seem to be swapped" in said
+    assert "correct the names in points.csv or prior_landmarks.csv" in said
+    shutil.rmtree(tmp_path / "case")
+    write_case(tmp_path / "case", with_rectangle(5, 12.0, swapped=False))
+    followed(*run)
+    found = o3dls.read_run(tmp_path / "run").estimates["landmarks"].surface
+    assert found.area == pytest.approx(chamber(24).area, rel=1e-3)
+
+
+def test_a_factor_of_size_alone_is_estimated_by_the_stage() -> None:
+    case = with_rectangle(3, 6.0, swapped=False)
+    start = Estimate(case.prior, np.eye(4), "start")
+    with pytest.raises(InputError, match=r"or say landmarks\.scale = true$"):
+        o3dls.Landmarks()(case, start)
+    found = o3dls.Landmarks(scale=True)(case, start)
+    assert found.surface.area == pytest.approx(chamber(24).area, rel=1e-3)
 
 
 def test_a_frame_is_said_in_case_toml_for_a_file_that_needs_one(plan: Path, tmp_path: Path) -> None:
@@ -324,3 +355,61 @@ def test_what_is_installed_holds_the_package_that_is_missing() -> None:
     assert any("lz4" in parts for parts in extras.values())
     assert any("openpyxl" in parts for parts in extras.values())
     assert (ROOT / "constraints.txt").is_file()
+
+
+def test_points_far_off_the_prior_begin_with_the_stage_that_is_named(plan: Path, tmp_path: Path) -> None:
+    case = measured(chamber(24), pose(20.0, 400.0), 200)
+    far = Points(case.points.of("eam").xyz, np.full(200, "eam"))
+    write_case(tmp_path / "case", replace(case, points=far, prior_landmarks={}, truth=None))
+    run = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
+    plan.write_text(ICP)
+    found = re.search(r"begin the pipeline with the stage (\w+)", refused(*run))
+    assert found
+    plan.write_text(ICP.replace("[[stage]]", f'[[stage]]\nuse = "{found[1]}"\n[[stage]]', 1))
+    followed(*run)
+
+
+def test_icp_that_finds_no_pairs_begins_with_the_stage_that_is_named(plan: Path, tmp_path: Path) -> None:
+    case = measured(chamber(24), pose(20.0, 25.0), 200)
+    far = Points(case.points.of("eam").xyz, np.full(200, "eam"))
+    write_case(tmp_path / "case", replace(case, points=far, prior_landmarks={}, truth=None))
+    run = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
+    plan.write_text(ICP + 'reject = ["threshold"]\nthreshold = 0.001\n')
+    said = refused(*run)
+    found = re.search(r"loosen them, or begin nearer, such as with the stage (\w+)", said)
+    assert found, said
+    plan.write_text(plan.read_text().replace("[[stage]]", f'[[stage]]\nuse = "{found[1]}"\n[[stage]]', 1))
+    followed(*run)
+    plan.write_text(ICP + 'reject = ["threshold"]\n')
+    followed(*run, "--force")
+
+
+def test_icp_that_ends_turned_begins_with_the_stage_that_is_named(plan: Path, tmp_path: Path) -> None:
+    case = measured(chamber(24), pose(120.0, 5.0), 400)
+    turned = Points(case.points.of("eam").xyz, np.full(400, "eam"))
+    write_case(tmp_path / "case", replace(case, points=turned, prior_landmarks={}, truth=None))
+    run = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
+    plan.write_text(ICP)
+    said = followed(*run)
+    found = re.search(r"begin with the stage (\w+), or give landmarks", said)
+    assert found, said
+    plan.write_text(ICP.replace("[[stage]]", f'[[stage]]\nuse = "{found[1]}"\n[[stage]]', 1))
+    assert "ICP ended" not in followed(*run, "--force")
+
+
+def test_an_outline_has_the_engine_and_the_door_that_are_named(plan: Path, tmp_path: Path) -> None:
+    disc = disc_case()
+    write_case(tmp_path / "case", disc)
+    run = ("run", plan, "--case", tmp_path / "case", "--out", tmp_path / "run")
+    kernel = 'kernel = "huber"\nscale = false\n'
+    plan.write_text(ICP + kernel + 'engine = "open3d"\n')
+    said = refused(*run)
+    found = re.search(r"use engine '(\w+)'", said)
+    assert found, said
+    plan.write_text(ICP + kernel + f'engine = "{found[1]}"\n')
+    followed(*run)
+    outline = (disc.prior.vertices, disc.prior.faces)
+    with pytest.raises(InputError, match="use case_of and a Pipeline"):
+        o3dls.register(outline, disc.points.xyz, units="px")
+    case = o3dls.case_of(outline, disc.points.xyz, units="px")
+    assert list(o3dls.Pipeline([o3dls.ICP()], folds=0).run(case).estimates) == ["start", "icp"]
