@@ -4,7 +4,6 @@ where a case folder is read.
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,11 +15,10 @@ from said import said_by
 import o3dls
 from o3dls.cli.commands import cli
 from o3dls.errors import InputError
+from tests.cli.followed import COMMAND, strings
 
 nibabel = pytest.importorskip("nibabel")
-ROOT = Path(__file__).resolve().parents[2]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
-COMMAND = re.compile(r"o3dls (\w+)")
 READERS = ("convert", "init", "import")
 # who prints the sentences of a module or folder: each of them must have the options; the longest name counts
 PRINTED_BY = {
@@ -53,28 +51,12 @@ OF_OTHERS = ("gdcmconv --raw",)
 
 
 def sentences() -> Iterator[tuple[str, int, str]]:
-    """The strings of the program that name an option, with what is filled in as {}; no docstrings."""
-    for path in sorted((ROOT / "o3dls").rglob("*.py")):
-        name = path.relative_to(ROOT / "o3dls").with_suffix("").as_posix()
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        inner = {
-            id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values
-        }
-        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
-            if id(node) in inner | documents:
-                continue
-            text = string_of(node)
-            for other in OF_OTHERS:
-                text = text and text.replace(other, "")
-            if text is not None and OPTION.search(text) and not name.startswith(NO_SENTENCES):
-                yield name, node.lineno, text  # type: ignore[attr-defined]  # strings have a line
-
-
-def string_of(node: ast.AST) -> str | None:
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(p.value) if isinstance(p, ast.Constant) else "{}" for p in node.values)
-    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+    """The strings of the program that name an option; `--{}` names none that is known here."""
+    for name, line, text in strings():
+        for other in OF_OTHERS:
+            text = text.replace(other, "")
+        if OPTION.search(text) and not name.startswith(NO_SENTENCES):
+            yield name, line, text
 
 
 def options_of(command: str) -> set[str]:
