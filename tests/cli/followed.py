@@ -112,7 +112,7 @@ FOLLOWED = {
     + "test_an_inverted_mask_is_refused_and_read_by_the_label_that_is_named",
     "if these are labels, say --label": OPTIONS
     + "test_labels_that_look_like_a_grey_image_are_read_by_the_one_that_is_said",
-    "--fill-slices interpolates them": CHOICE + "test_a_blank_slice_near_the_end_is_said",
+    "--fill-slices interpolates them": OPTIONS + "test_blank_slices_that_are_noted_are_interpolated",
     "say --fill-slices, which interpolates": CHOICE
     + "test_blank_slices_are_named_and_interpolated_where_that_is_said",
     "cut to it with --box": CHOICE + "test_of_several_pieces_the_largest_is_taken_by_the_box_that_is_named",

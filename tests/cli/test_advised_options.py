@@ -223,6 +223,16 @@ def test_labels_that_look_like_a_grey_image_are_read_by_the_one_that_is_said(tmp
     assert o3dls.read_surface(tmp_path / "la.ply").volume == pytest.approx(one_ball().sum(), rel=0.02)
 
 
+def test_blank_slices_that_are_noted_are_interpolated(tmp_path: Path) -> None:
+    mask = one_ball()
+    mask[:, :, 6] = False  # near the end, where little is lost
+    convert = ("convert", saved(mask, tmp_path / "la.nii"), tmp_path / "la.ply")
+    found = re.search(r"1 blank slices lie within it; (--[a-z-]+) interpolates them", followed(*convert))
+    assert found
+    assert "1 blank slices within it are interpolated" in followed(*convert, found[1])
+    assert o3dls.read_surface(tmp_path / "la.ply").volume == pytest.approx(one_ball().sum(), rel=0.02)
+
+
 def test_every_label_that_is_listed_is_one(tmp_path: Path) -> None:
     labels = np.where(one_ball(18.0), 2, 0)
     labels[one_ball(12.0)] = 5
