@@ -70,11 +70,9 @@ def coordinates(folder: Folder, table: Table, names: Sequence[str], space: str) 
     return in_frame(xyz, table.notes.get("space"), space)
 
 
-def overruled(
-    where: Path | str, file: SurfaceFile, given: str | None, option: str = "--units "
-) -> SurfaceFile:
+def overruled(where: Path | str, file: SurfaceFile, given: str | None) -> SurfaceFile:
     """Return a surface whose file states units, in the `given` ones where it cannot be a heart in those that
-    are stated and can in these. `option` is how units are said.
+    are stated and can in these.
 
     Raises InputError where it is far from a heart in the stated ones, and no others are given.
     """
@@ -86,14 +84,14 @@ def overruled(
     if given not in (None, stated) and _is_heart(extents[str(given)]) and not _is_heart(diagonal):
         factor = MILLIMETRES[file.units] * MILLIMETRES[str(given)] / MILLIMETRES[stated]
         over = f"by which it extends over {diagonal:.3g} mm"
-        said = f"states units {stated}, {over}; {option}{given} overrules that"
+        said = f"states units {stated}, {over}; --units {given} overrules that"
         surface = file.surface.with_vertices(file.surface.vertices * factor)
         return replace(file, surface=surface, units="mm", notes=(*file.notes, said))
     if given is None and not POSSIBLE[0] <= diagonal <= POSSIBLE[1]:
         likely = min(extents, key=lambda unit: abs(float(np.log(extents[unit] / ATRIUM))))
         raise InputError(
             f"{where}: states units {stated}, by which it extends over {diagonal:.3g} mm; if its units are "
-            f"{likely}, say {option}{likely}, else {option}{stated}"
+            f"{likely}, say --units {likely}, else --units {stated}"
         )
     return file
 
@@ -116,11 +114,11 @@ def _is_heart(extent: float) -> bool:
     return HEART[0] <= extent <= HEART[1]
 
 
-def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str = "--units ") -> None:
+def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0) -> None:
     """Raise InputError where the extent of undeclared units is not that of a heart in mm (atria: 60 to 160).
 
     Extents that might be either are let pass. `smallest`: extent from which, up to 18, centimetres are
-    likely. `option` is how the units are said.
+    likely.
     """
     diagonal = float(np.linalg.norm(np.ptp(xyz, axis=0)))
     inches = 1 <= diagonal < 5
@@ -138,8 +136,8 @@ def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str
     )
     if likely:
         raise InputError(
-            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say {option}{likely}, "
-            f"else {option}mm"
+            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, "
+            "else --units mm"
         )
 
 

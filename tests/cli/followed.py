@@ -96,8 +96,10 @@ FOLLOWED = {
     "test_a_quick_page_has_every_section_and_says_what_is_left_out",
     "by the link that o3dls live printed": LIVE + "test_the_link_that_is_printed_opens_the_page",
     # options of files, as `convert`, `init` and `import` have them
-    "if its units are {}, say": IO_ADVICE
+    "by which it extends over {} mm; if its units are {}, say --units": IO_ADVICE
     + "test_units_of_a_header_that_cannot_be_meant_are_asked_about_at_every_door",
+    "{}: extends over {} mm; if its units are {}, say --units": OPTIONS
+    + "test_units_that_are_said_of_points_alone",
     "say --units um or --units mm to convert or run": OPTIONS
     + "test_units_of_opencarp_are_said_to_convert_and_run",
     "say which with --units": OPTIONS + "test_units_that_nobody_knows_and_frames_are_stated",
@@ -253,6 +255,7 @@ NO_ADVICE = {
     "took more than {} MB of memory and was stopped (--memory)",
     "{}; the sidecar is taken, as --sidecar says",
     "{}; it is ignored, as --sidecar says",
+    "states units {}, {}; --units {} overrules that",
     " The case does not say its frame: views are by the {}.",
     # titles, lines of files, patterns, and parts of sentences
     "o3dls live",
@@ -263,7 +266,6 @@ NO_ADVICE = {
     "        <!--{}-->\n",
     '    <Volumes number="1">...',
     "engine 'open3d'",
-    "--units ",
     "--form (sform|qform)...",
 }
 

@@ -4,6 +4,7 @@ where a case folder is read.
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -173,12 +174,27 @@ def test_columns_that_a_table_asks_for_are_said_to_convert_too(tmp_path: Path) -
     assert "columns do not apply to it" in said
 
 
-@pytest.mark.parametrize(
-    ("kind", "sentence"), [("fill_slices", "say fill_slices=True"), ("form", "form='sform'")]
-)
-def test_objects_are_told_of_keywords(kind: str, sentence: str, tmp_path: Path) -> None:
+KEYWORDS = {  # what is typed in Python, or the number that is listed for it
+    "label": r"say (label=) \(there are (\d+), \d+\)$",
+    "layer": r"say (layer=) \(0 to (\d+)\)$",
+    "form": r"say form='sform' or (form=)('qform'), or",
+    "fill_slices": r"say (fill_slices=)(True), which",
+    "box": r"cut to it with (box=)(\([^)]*\)), else",
+    "frame": r"and say (frame=)('RAS') where",
+}
+
+
+@pytest.mark.parametrize("kind", KEYWORDS)
+def test_objects_are_told_of_keywords_that_they_take(kind: str, tmp_path: Path) -> None:
     prior_of(kind, tmp_path)
     image = nibabel.load(tmp_path / "prior.nii.gz")
-    with pytest.raises(InputError, match=sentence) as refused:
+    if kind == "frame":
+        image.set_sform(None, code=0)
+        image.set_qform(None, code=0)
+    with pytest.raises(InputError, match=KEYWORDS[kind]) as refused:
         o3dls.surface_of(image)
     assert not OPTION.search(str(refused.value))
+    found = re.search(KEYWORDS[kind], str(refused.value))
+    assert found
+    given = {found[1].rstrip("="): ast.literal_eval(found[2])}
+    assert o3dls.surface_of(image, **given).volume > 1000.0

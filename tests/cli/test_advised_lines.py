@@ -29,11 +29,11 @@ from o3dls.io.surfaces import write_surface
 from o3dls.motion.result import MotionFit
 from o3dls.stages.deform_checks import another_heart
 from tests.chamber import chamber, measured, pose, sampled
+from tests.cli.followed import ROOT, strings
 from tests.cli.test_advised_commands import LANDMARKS, ball, followed, refused
 from tests.tiny import ball_case, disc_case, sphere
 
 ICP = 'folds = 0\n[[stage]]\nuse = "icp"\n'
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -131,9 +131,9 @@ def test_headings_in_another_unit_are_scaled_or_said() -> None:
 def test_units_of_objects_are_a_keyword() -> None:
     prior, xyz = sphere(), ball_case().points.of("eam").xyz / 1000.0
     small = (prior.vertices / 1000.0, prior.faces)
-    with pytest.raises(InputError, match="if its units are m, say units = m") as refusal:
+    with pytest.raises(InputError, match="if its units are m, say units='m'") as refusal:
         o3dls.case_of(small, xyz)
-    found = re.search(r"say units = (\w+)", str(refusal.value))
+    found = re.search(r"say units='(\w+)'", str(refusal.value))
     assert found
     case = o3dls.case_of(small, xyz, units=found[1])
     assert case.prior.diagonal == pytest.approx(prior.diagonal)
@@ -386,13 +386,28 @@ def test_folds_that_are_set_test_the_expected_error(tmp_path: Path) -> None:
 
 
 def test_what_is_installed_holds_the_package_that_is_missing() -> None:
-    """An extra that a sentence names is one of pyproject.toml; a package is installed by its own name."""
+    """An extra that a sentence names is one of pyproject.toml and has the package that the sentence misses;
+    a package that it names is one that an extra has.
+    """
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = {name: " ".join(parts) for name, parts in project["optional-dependencies"].items()}
-    for name, package in (("cluster", "distributed"), ("matlab", "h5py"), ("dicom", "highdicom")):
-        assert package in extras[name]
-    assert any("lz4" in parts for parts in extras.values())
-    assert any("openpyxl" in parts for parts in extras.values())
+    extras = {
+        name: {re.split(r"[\[><=;]", part)[0] for part in parts}
+        for name, parts in project["optional-dependencies"].items()
+    }
+    every = set().union(*extras.values())
+    named = [text for _, _, text in strings() if "pip install" in text and "constraints.txt" not in text]
+    assert len(named) == 6
+    for text in named:
+        target = re.search(r"pip install '?([\w{}]+)(?:\[(\w+)\]')?", text)
+        assert target, text
+        if target[2]:
+            assert any(package in text for package in extras[target[2]]), text
+        elif target[1] != "{}":
+            assert target[1] in every, text
+    source = (ROOT / "o3dls/adapters/meshes.py").read_text(encoding="utf-8")
+    libraries = set(re.findall(r'_import_library\("(\w+)"', source))
+    assert libraries
+    assert libraries <= every | {re.split(r"[><=;]", part)[0] for part in project["dependencies"]}
     assert (ROOT / "constraints.txt").is_file()
 
 
