@@ -187,6 +187,17 @@ def test_units_that_are_said_of_points_alone(tmp_path: Path) -> None:
     units = option(refused(*make, tmp_path / "prior.obj"), "units")
     said = refused(*make, tmp_path / "prior.obj", *units)
     assert "if the prior is in mm, write that into it" in said
+    folder = tmp_path / "folder"  # as a case folder that says so
+    folder.mkdir()
+    for name in ("prior.obj", "p.csv"):
+        (folder / ("points.csv" if name == "p.csv" else name)).write_bytes((tmp_path / name).read_bytes())
+    (folder / "case.toml").write_text('units = "m"\n')
+    (tmp_path / "plan.toml").write_text(ICP)
+    run = ("run", tmp_path / "plan.toml", "--case", folder, "--out", tmp_path / "run")
+    assert refused(*run).endswith("o3dls convert PRIOR OUT --units mm\n")
+    followed("convert", folder / "prior.obj", folder / "prior.ply", "--units", "mm")
+    (folder / "prior.obj").unlink()
+    followed(*run)
     followed(*advised(said, "convert", PRIOR=tmp_path / "prior.obj", OUT=tmp_path / "prior.ply"))
     followed(*make, tmp_path / "prior.ply", *units)
     case = o3dls.read_case(tmp_path / "made")
