@@ -267,6 +267,7 @@ NO_ADVICE = {
     '    <Volumes number="1">...',
     "engine 'open3d'",
     "--form (sform|qform)...",
+    "say --(units|frame) ({})\\b",
 }
 
 

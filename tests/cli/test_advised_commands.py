@@ -82,7 +82,7 @@ def test_a_run_without_a_report_gets_one(plan: Path, tmp_path: Path, monkeypatch
 
 
 def test_a_table_is_no_study(tmp_path: Path) -> None:
-    case = ball(tmp_path / "ball")
+    case = ball(tmp_path / "the ball")
     said = refused("import", case / "points.csv", tmp_path / "case")
     followed(*advised(said, "init", DIR=tmp_path / "case", PRIOR=case / "prior.ply"))
 
@@ -173,8 +173,8 @@ def test_runs_of_two_cases_are_compared(plan: Path, tmp_path: Path) -> None:
 def test_a_run_in_2d_has_its_pictures_in_the_report(plan: Path, tmp_path: Path) -> None:
     write_case(tmp_path / "disc", disc_case())
     plan.write_text(LANDMARKS.replace("landmarks", "icp"))
-    followed("run", plan, "--case", tmp_path / "disc", "--out", tmp_path / "run")
-    followed(*advised(refused("view", tmp_path / "run", "--window"), "report"))
+    followed("run", plan, "--case", tmp_path / "disc", "--out", tmp_path / "the run")
+    followed(*advised(refused("view", tmp_path / "the run", "--window"), "report"))
 
 
 def test_where_no_window_opens_a_page_does(
@@ -183,8 +183,8 @@ def test_where_no_window_opens_a_page_does(
     monkeypatch.setattr(window, "has_display", lambda: False)
     monkeypatch.setattr(webbrowser, "get", lambda *_: webbrowser.GenericBrowser("true"))
     monkeypatch.setenv("BROWSER", "true")
-    followed("run", plan, "--case", ball(tmp_path / "ball"), "--out", tmp_path / "run")
-    said = followed(*advised(refused("view", tmp_path / "run", "--window"), "view"))
+    followed("run", plan, "--case", ball(tmp_path / "ball"), "--out", tmp_path / "the run")
+    said = followed(*advised(refused("view", tmp_path / "the run", "--window"), "view"))
     assert "report.html" in said
 
 

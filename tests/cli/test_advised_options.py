@@ -38,8 +38,8 @@ def plan(tmp_path: Path) -> Path:
 
 
 def option(said: str, name: str) -> list[str]:
-    """The option of that name with its value, as a text has it."""
-    found = re.search(rf"--{name} ([^\s,;:)]+)", said)
+    """The option of that name with its value, as a text has it for a shell."""
+    found = re.search(rf"--{name} ('[^']*'|[^\s,;:)]+)", said)
     assert found, said
     return [f"--{name}", *shlex.split(found[1])]
 
@@ -75,7 +75,7 @@ def one_ball(radius: float = 15.0) -> np.ndarray:
 
 
 def test_a_case_that_is_given_for_a_pipeline(tmp_path: Path) -> None:
-    case = ball(tmp_path / "ball")
+    case = ball(tmp_path / "the ball")
     quick = ("--set", "folds=0", "--set", "level_set.spacing=4", "--out", tmp_path / "run")
     followed("run", *option(refused("run", case, *quick), "case"), *quick)
 
@@ -465,7 +465,7 @@ def test_where_no_system_says_the_memory_the_limit_is_left_out(
 
 
 def test_settings_are_said_as_the_sentence_shows(plan: Path, tmp_path: Path) -> None:
-    case = ball(tmp_path / "ball")
+    case = ball(tmp_path / "the ball")
     plan.write_text(ICP)
     run = ("run", plan, "--case", case, "--force", "--out", tmp_path / "run")
     said = refused(*run, "--set", "icp")
@@ -478,9 +478,9 @@ def test_settings_are_said_as_the_sentence_shows(plan: Path, tmp_path: Path) -> 
     followed(*run, "--set", f"{found[1]}.keep=0.9")
     said = refused("run", plan, "--set", f"case={case}", "--out", tmp_path / "other")
     followed("run", plan, *option(said, "case"), "--out", tmp_path / "other")
-    said = refused("run", plan, "--case", case, "--set", f"out={tmp_path / 'third'}")
+    said = refused("run", plan, "--case", case, "--set", f"out={tmp_path / 'the third'}")
     followed("run", plan, "--case", case, *option(said, "out"))
-    assert (tmp_path / "third/run.json").is_file()
+    assert (tmp_path / "the third/run.json").is_file()
     plan.write_text(ICP + '[[write]]\nuse = "export"\nformat = "ply"\n[[write]]\nuse = "export"\n')
     said = refused(*run, "--set", "export.format=stl")
     assert "the pipeline has 2 named 'export'; set it in the pipeline file" in said

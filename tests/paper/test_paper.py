@@ -33,7 +33,7 @@ from tests.browser import Visit, chromium, violations
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One quick page for all tests."""
-    return quick_page(tmp_path_factory.mktemp("paper") / "page")
+    return quick_page(tmp_path_factory.mktemp("paper") / "the page")
 
 
 def quick_page(out: Path) -> Path:
