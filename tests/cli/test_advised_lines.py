@@ -182,7 +182,6 @@ def test_a_stage_is_written_as_the_sentence_shows(kind: str, plan: Path, tmp_pat
         followed("run", plan, "--case", ball(tmp_path / "ball"), "--out", tmp_path / "run")
     else:
         followed("check", plan)
-        plan.write_text("folds = 0\n[[write]]\nformats = []\n")
 
 
 def test_estimates_have_names_of_their_own_and_follow_earlier_ones(plan: Path, tmp_path: Path) -> None:
