@@ -69,7 +69,7 @@ def test_landmarks_and_init_set_the_start() -> None:
 
 def test_metres_are_refused() -> None:
     mesh, cloud = (thing.scale(1e-3, np.zeros(3)) for thing in objects("legacy"))
-    with pytest.raises(InputError, match=r"prior: extends over 0.0\d+ mm; if its units are m, say units = m"):
+    with pytest.raises(InputError, match=r"prior: extends over 0.0\d+ mm; if its units are m, say units='m'"):
         o3dls.register(mesh, cloud, stages=[Nudge()])
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..case import MILLIMETRES
 from ..errors import InputError
 from ..io.tables.headings import read_axes
 from ..io.text import is_missing
@@ -49,7 +50,10 @@ def columns_of(thing: Any, where: str) -> dict[str, NDArray[Any]] | None:
         return None
     names, units = read_axes(Path(where), "columns", list(map(str, found)))
     if units not in (None, "mm"):
-        raise InputError(f"{where}: columns are in {units}: name them x, y, z and say units='{units}'")
+        raise InputError(
+            f"{where}: columns are in {units}: multiply them by {MILLIMETRES[units]:g} and name them x, y, "
+            f"z; or only name them so, and say units='{units}' where the prior is in {units} too"
+        )
     return dict(zip(names, found.values(), strict=True))
 
 

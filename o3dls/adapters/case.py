@@ -21,7 +21,7 @@ from ..io.mapping.imported import joined
 from ..io.meshes.repair import closed_outward
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import scaled
-from .keywords import keyword_errors
+from .keywords import in_keywords, keyword_errors
 from .objects import points_of, stated_surface
 
 log = logging.getLogger("o3dls")
@@ -139,13 +139,14 @@ def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
 
     Raises InputError where nobody says the units, and mm cannot be meant.
     """
-    file = overruled(where, file, units, option="units = ")
+    with keyword_errors():
+        file = overruled(where, file, units)
+        if units is None and file.units != "mm" and file.surface.dimension == 3:
+            check_scale(where, file.surface.vertices)
     for note in file.notes:
-        log.info("%s: %s", where, note)
+        log.info("%s: %s", where, in_keywords(note))
     if file.units == "mm":
         return file.surface
-    if units is None and file.surface.dimension == 3:
-        check_scale(where, file.surface.vertices, option="units = ")
     return file.surface.with_vertices(file.surface.vertices * MILLIMETRES[units or "mm"])
 
 
@@ -164,7 +165,8 @@ def _points_in_mm(thing: Any, landmarks: Landmarks, units: str | None) -> Points
             f"points: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface"
         )
     if units is None and points.xyz.shape[1] == 3:
-        check_scale("points", points.xyz, np.inf, option="units = ")  # a few points may lie close together
+        with keyword_errors():
+            check_scale("points", points.xyz, np.inf)  # a few points may lie close together
     if landmarks:
         places = [
             _check_place(name, "among the points", at, points.xyz.shape[1])

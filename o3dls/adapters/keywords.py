@@ -14,6 +14,7 @@ WORDS = (
     (re.compile(r"--(frame|units) (LPS|RAS|unknown|mm|cm|m|um|in|px)\b"), r"\1='\2'"),
     (re.compile(r"--form (sform|qform)\b"), r"form='\1'"),
     (re.compile(r"--fill-slices\b"), "fill_slices=True"),
+    (re.compile("--box" + r" (-?[\d.]+)" * 6), r"box=(\1, \2, \3, \4, \5, \6)"),
     (re.compile(r"--(label|part|layer|box|form|frame|units|cap)\b"), r"\1="),
 )
 

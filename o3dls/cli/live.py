@@ -92,6 +92,10 @@ def _check_options(given: Message) -> None:
     for name in ("watch", "replay"):  # checked here, before a record folder is made
         if given[name] is not None and not given[name].exists():
             raise click.UsageError(f"--{name} {given[name]}: no such file")
+    if given["replay"] is not None:
+        from ..live.sources.replay import Replay
+
+        Replay(given["replay"], given["rate"])
     if given["igtl"] is not None:
         _read_address(given["igtl"])
 

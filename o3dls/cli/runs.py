@@ -84,7 +84,8 @@ def run(
     check_libraries()
     if pipeline and pipeline.is_dir():
         raise InputError(
-            f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case {pipeline}"
+            f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case "
+            f"{shlex.quote(str(pipeline))}"
         )
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _require_value(case or plan.case, "--case")

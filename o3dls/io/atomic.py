@@ -155,9 +155,9 @@ def check_free(
             f"{out}: is the working folder, or holds it, and would be replaced; name another folder"
         )
     if out.exists() and any(out.iterdir()):
+        _check_replaceable(out, kind, reads)  # first: nobody is told to use --force where it is refused
         if not force:
             raise InputError(f"{out}: exists already; name another folder or use --force")
-        _check_replaceable(out, kind, reads)
     _check_writable(out)
 
 

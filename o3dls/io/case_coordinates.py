@@ -70,11 +70,9 @@ def coordinates(folder: Folder, table: Table, names: Sequence[str], space: str) 
     return in_frame(xyz, table.notes.get("space"), space)
 
 
-def overruled(
-    where: Path | str, file: SurfaceFile, given: str | None, option: str = "--units "
-) -> SurfaceFile:
+def overruled(where: Path | str, file: SurfaceFile, given: str | None) -> SurfaceFile:
     """Return a surface whose file states units, in the `given` ones where it cannot be a heart in those that
-    are stated and can in these. `option` is how units are said.
+    are stated and can in these.
 
     Raises InputError where it is far from a heart in the stated ones, and no others are given.
     """
@@ -86,14 +84,14 @@ def overruled(
     if given not in (None, stated) and _is_heart(extents[str(given)]) and not _is_heart(diagonal):
         factor = MILLIMETRES[file.units] * MILLIMETRES[str(given)] / MILLIMETRES[stated]
         over = f"by which it extends over {diagonal:.3g} mm"
-        said = f"states units {stated}, {over}; {option}{given} overrules that"
+        said = f"states units {stated}, {over}; --units {given} overrules that"
         surface = file.surface.with_vertices(file.surface.vertices * factor)
         return replace(file, surface=surface, units="mm", notes=(*file.notes, said))
     if given is None and not POSSIBLE[0] <= diagonal <= POSSIBLE[1]:
         likely = min(extents, key=lambda unit: abs(float(np.log(extents[unit] / ATRIUM))))
         raise InputError(
             f"{where}: states units {stated}, by which it extends over {diagonal:.3g} mm; if its units are "
-            f"{likely}, say {option}{likely}, else {option}{stated}"
+            f"{likely}, say --units {likely}, else --units {stated}"
         )
     return file
 
@@ -116,11 +114,11 @@ def _is_heart(extent: float) -> bool:
     return HEART[0] <= extent <= HEART[1]
 
 
-def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str = "--units ") -> None:
+def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0) -> None:
     """Raise InputError where the extent of undeclared units is not that of a heart in mm (atria: 60 to 160).
 
     Extents that might be either are let pass. `smallest`: extent from which, up to 18, centimetres are
-    likely. `option` is how the units are said.
+    likely.
     """
     diagonal = float(np.linalg.norm(np.ptp(xyz, axis=0)))
     inches = 1 <= diagonal < 5
@@ -138,6 +136,37 @@ def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str
     )
     if likely:
         raise InputError(
-            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say {option}{likely}, "
-            f"else {option}mm"
+            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, "
+            "else --units mm"
+        )
+
+
+def check_common_units(
+    folder: Folder, prior: SurfaceFile, table: Table, xyz: Array, least: float = 0.1, most: float = 4.0
+) -> None:
+    """Raise InputError where the units that are said of all files that state none make points (n, 3) and
+    prior of different size, and fit one of the two alone. The points of a single vein are `least` times as
+    large as a prior; `most` is beyond any.
+    """
+    given = folder.settings.get("units")
+    if given in (None, "mm", "px") or len(xyz) == 0:
+        return
+    size = prior.surface.diagonal
+    span = float(np.linalg.norm(np.ptp(np.quantile(xyz, (0.05, 0.95), axis=0), axis=0)))
+    both = f"of {given} the points span {span:.3g} mm, the prior {size:.3g} mm"
+
+    def fits(factor: float) -> bool:
+        return least * size <= span * factor <= most * size
+
+    if fits(1.0):
+        return
+    if table.notes.get("units", "unknown") not in MILLIMETRES and fits(1.0 / MILLIMETRES[given]):
+        raise InputError(
+            f"{table.path}: {both}; if the points are in mm, add the line '# units=mm' above the header of "
+            "their file"
+        )
+    if prior.units not in MILLIMETRES and fits(MILLIMETRES[given]):
+        raise InputError(
+            f"{folder.find('prior')}: {both}; if the prior is in mm, write that into it: "
+            "o3dls convert PRIOR OUT --units mm"
         )

@@ -13,7 +13,7 @@ from ..arrays import Array
 from ..case import MILLIMETRES, Case, Points, no_points
 from ..errors import InputError
 from ..geometry.similarity import is_pose
-from .case_coordinates import check_scale, coordinates, in_frame, millimetres_per_unit
+from .case_coordinates import check_common_units, check_scale, coordinates, in_frame, millimetres_per_unit
 from .case_settings import Folder, lines_said, open_folder
 from .case_surfaces import phases_of, surface_of, truth_of
 from .markups import read_markups
@@ -89,6 +89,8 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         table = _read_points_table(opened, points)
         measured, frame = _read_points(opened, table, fewest), _points_frame(opened, table)
         columns = describe_columns(table)
+        if opened.dimension == 3:
+            check_common_units(opened, prior, table, measured.of("eam").xyz)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
         prior=prior.surface,

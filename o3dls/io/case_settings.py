@@ -172,7 +172,7 @@ def lines_said() -> Iterator[None]:
             sentence = re.sub(f"--{option}", line, sentence)
         if sentence != str(error):
             sentence += ", in case.toml"
-        elif found := re.search(rf"--(units|frame) ({'|'.join((*MILLIMETRES, *SPACES))})\b", sentence):
+        elif found := re.search(rf"say --(units|frame) ({'|'.join((*MILLIMETRES, *SPACES))})\b", sentence):
             sentence += f', or {found[1]} = "{found[2]}" and so on in case.toml'
         raise InputError(sentence) from None
 

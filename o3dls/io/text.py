@@ -209,6 +209,12 @@ def is_count(word: str) -> bool:
     return word.isascii() and word.isdecimal() and len(word) <= 12
 
 
+def listed(numbers: Sequence[int]) -> str:
+    """Return numbers in order as a range, or one by one where some between them are missing."""
+    whole = numbers[-1] - numbers[0] == len(numbers) - 1
+    return f"{numbers[0]} to {numbers[-1]}" if whole else ", ".join(map(str, numbers))
+
+
 def integers(values: Array, where: str) -> Ints:
     """Return the same numbers as int64. Raises InputError where one is not a whole number."""
     bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # written so that NaN is bad, too

@@ -5,6 +5,7 @@ show.
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +82,7 @@ def read_results(folder: Path) -> Results:
     """Read the results that a folder holds. Raises InputError where there are none of this version."""
     path = folder / RESULTS
     if not path.is_file():
-        raise InputError(f"{path}: no such file; `o3dls paper --out {folder}` makes it")
+        raise InputError(f"{path}: no such file; `o3dls paper --out {shlex.quote(str(folder))}` makes it")
     whole = json.loads(path.read_text(encoding="utf-8"))
     if whole.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema = {whole.get('schema')!r}: must be {SCHEMA!r}")

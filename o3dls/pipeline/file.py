@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
@@ -193,7 +194,7 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
         if key.strip() in FOLDERS:
             raise PipelineError(
-                f"--set {setting}: names a folder, not a parameter: use --{name} {value.strip()}"
+                f"--set {setting}: names a folder, not a parameter: use --{name} {shlex.quote(value.strip())}"
             )
         target = _find_table(tables, owners[0], setting) if owners else tables
         for part in owners[1:]:  # such as `phases.deform.odds`

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -168,13 +169,14 @@ def open_window(folder: str | Path) -> None:
     Raises InputError where there is no display, or the run is 2D.
     """
     subject = read_subject([Path(folder)])
+    named = shlex.quote(str(folder))
     if subject.case.dimension == 2:
-        raise InputError(f"{folder}: is a run in 2D; its pictures are in the report: o3dls report {folder}")
+        raise InputError(f"{folder}: is a run in 2D; its pictures are in the report: o3dls report {named}")
     if not has_display():
         raise InputError(
-            f"there is no display here for a window; look at the page in a browser: o3dls view {folder}"
+            f"there is no display here for a window; look at the page in a browser: o3dls view {named}"
         )
-    _run_window(Stand(subject), f"o3dls: {subject.case.name}", str(folder))
+    _run_window(Stand(subject), f"o3dls: {subject.case.name}", named)
 
 
 def _run_window(stand: Stand, title: str, folder: str) -> None:

@@ -72,7 +72,7 @@ class Landmarks(Stage):
         names, prior, measured = case.landmark_pairs()
         weights = np.array([self.weights.get(name, 1.0) for name in names])
         found = readings(prior, measured, weights, scale=self.scale)
-        _refuse_swapped(case, names, measured, found)
+        _refuse_swapped(case, names, measured, found, scaled=self.scale)
         T_map_prior, rms, unused = found[0].T_map_prior, found[0].rms, ""
         if (odd := contradicted(case)) is not None:
             weights[odd] = 0.0
@@ -97,7 +97,9 @@ class Landmarks(Stage):
         )
 
 
-def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
+def _refuse_swapped(
+    case: Case, names: list[str], measured: Array, found: list[Reading], *, scaled: bool
+) -> None:
     """Raise InputError where landmarks and points show that names are swapped or the prior is mirrored; many
     beats of one contact, which any pose may happen to bring to the wall, count once.
     """
@@ -118,7 +120,7 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
     )
     if wrong is None:
         return
-    if (factor := explaining_scale(case.landmark_pairs()[1], measured)) != 1.0:
+    if not scaled and (factor := explaining_scale(case.landmark_pairs()[1], measured)) != 1.0:
         raise InputError(
             f"case {case.name}: {ANOTHER_SIZE.format(1.0 / factor)}, or say landmarks.scale = true"
         )

@@ -161,7 +161,7 @@ def test_errors_name_keyword_arguments() -> None:
     with pytest.raises(InputError, match=r"holds 2 labels; say label= \(there are 1, 2\)"):
         o3dls.surface_of(image)
     assert o3dls.surface_of(image, label=2).volume > 0
-    with pytest.raises(InputError, match=r"say units = m"):
+    with pytest.raises(InputError, match="say units='m', else units='mm'"):
         o3dls.case_of((BALL.prior.vertices / 1000, BALL.prior.faces), XYZ / 1000)
     small = o3dls.case_of(BALL.prior, XYZ / 10)
     with pytest.raises(InputError, match=r"if the points are in cm, multiply them by 10"):

@@ -310,7 +310,7 @@ def test_metres_are_asked_about_and_taken_where_they_are_said(role: str) -> None
     small = (PRIOR.vertices / 1000, PRIOR.faces), XYZ / 1000
     given = (small[0], XYZ) if role == "prior" else (PRIOR, small[1])
     with pytest.raises(
-        InputError, match=rf"{role}: extends over 0.0\d+ mm; if its units are m, say units = m"
+        InputError, match=rf"{role}: extends over 0.0\d+ mm; if its units are m, say units='m'"
     ):
         case_of(*given)
     marks = {"a": (np.array([0.02, 0, 0]), np.array([0.021, 0, 0]))}

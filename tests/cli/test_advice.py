@@ -16,11 +16,10 @@ from said import said_by
 import o3dls
 from o3dls.cli.commands import cli
 from o3dls.errors import InputError
+from tests.cli.followed import COMMAND, strings
 
 nibabel = pytest.importorskip("nibabel")
-ROOT = Path(__file__).resolve().parents[2]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
-COMMAND = re.compile(r"o3dls (\w+)")
 READERS = ("convert", "init", "import")
 # who prints the sentences of a module or folder: each of them must have the options; the longest name counts
 PRINTED_BY = {
@@ -53,28 +52,12 @@ OF_OTHERS = ("gdcmconv --raw",)
 
 
 def sentences() -> Iterator[tuple[str, int, str]]:
-    """The strings of the program that name an option, with what is filled in as {}; no docstrings."""
-    for path in sorted((ROOT / "o3dls").rglob("*.py")):
-        name = path.relative_to(ROOT / "o3dls").with_suffix("").as_posix()
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        inner = {
-            id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values
-        }
-        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
-            if id(node) in inner | documents:
-                continue
-            text = string_of(node)
-            for other in OF_OTHERS:
-                text = text and text.replace(other, "")
-            if text is not None and OPTION.search(text) and not name.startswith(NO_SENTENCES):
-                yield name, node.lineno, text  # type: ignore[attr-defined]  # strings have a line
-
-
-def string_of(node: ast.AST) -> str | None:
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(p.value) if isinstance(p, ast.Constant) else "{}" for p in node.values)
-    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+    """The strings of the program that name an option; `--{}` names none that is known here."""
+    for name, line, text in strings():
+        for other in OF_OTHERS:
+            text = text.replace(other, "")
+        if OPTION.search(text) and not name.startswith(NO_SENTENCES):
+            yield name, line, text
 
 
 def options_of(command: str) -> set[str]:
@@ -191,12 +174,27 @@ def test_columns_that_a_table_asks_for_are_said_to_convert_too(tmp_path: Path) -
     assert "columns do not apply to it" in said
 
 
-@pytest.mark.parametrize(
-    ("kind", "sentence"), [("fill_slices", "say fill_slices=True"), ("form", "form='sform'")]
-)
-def test_objects_are_told_of_keywords(kind: str, sentence: str, tmp_path: Path) -> None:
+KEYWORDS = {  # what is typed in Python, or the number that is listed for it
+    "label": r"say (label=) \(there are (\d+), \d+\)$",
+    "layer": r"say (layer=) \(0 to (\d+)\)$",
+    "form": r"say form='sform' or (form=)('qform'), or",
+    "fill_slices": r"say (fill_slices=)(True), which",
+    "box": r"cut to it with (box=)(\([^)]*\)), else",
+    "frame": r"and say (frame=)('RAS') where",
+}
+
+
+@pytest.mark.parametrize("kind", KEYWORDS)
+def test_objects_are_told_of_keywords_that_they_take(kind: str, tmp_path: Path) -> None:
     prior_of(kind, tmp_path)
     image = nibabel.load(tmp_path / "prior.nii.gz")
-    with pytest.raises(InputError, match=sentence) as refused:
+    if kind == "frame":
+        image.set_sform(None, code=0)
+        image.set_qform(None, code=0)
+    with pytest.raises(InputError, match=KEYWORDS[kind]) as refused:
         o3dls.surface_of(image)
     assert not OPTION.search(str(refused.value))
+    found = re.search(KEYWORDS[kind], str(refused.value))
+    assert found
+    given = {found[1].rstrip("="): ast.literal_eval(found[2])}
+    assert o3dls.surface_of(image, **given).volume > 1000.0

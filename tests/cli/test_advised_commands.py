@@ -1,14 +1,10 @@
-"""A command that a sentence names is taken by the program and mends what the sentence is about; that each
-such sentence has a test which does what it says is tested too.
-"""
+"""A command that a sentence names is taken by the program and mends what the sentence is about."""
 
 from __future__ import annotations
 
-import ast
 import re
 import shlex
 import webbrowser
-from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
 
@@ -18,73 +14,14 @@ from said import said_by
 from tiny import ball_case, disc_case
 
 import o3dls
-from o3dls.cli.commands import cli
 from o3dls.errors import InputError
 from o3dls.io.case_writer import write_case
 from o3dls.io.surfaces import write_surface
 from o3dls.live.sources import watch
 from o3dls.report import window
-from tests.cli.test_advice import COMMAND, ROOT, string_of
 from tests.io.test_io_advice import ball_points, study
 
 LANDMARKS = 'folds = 0\n[[stage]]\nuse = "landmarks"\n'
-HERE = "cli/test_advised_commands.py::"
-# words of a sentence: the test that does what it says; None where it advises no command
-FOLLOWED = {
-    "parts of the cases, and then `o3dls cohort`": "cli/test_cli.py::"
-    "test_a_batch_goes_on_and_its_parts_give_the_table_of_the_whole",
-    "to run it: o3dls run": HERE + "test_what_init_says_is_run",
-    "this folder; another: o3dls run --case DIR": HERE + "test_what_init_says_is_run",
-    "o3dls stages NAME. After a change: o3dls check": HERE + "test_what_init_says_is_run",
-    "no report yet: o3dls report": HERE + "test_a_run_without_a_report_gets_one",
-    "o3dls run pipeline.toml --case case --out again": HERE + "test_a_run_without_a_report_gets_one",
-    "is a table and no study: use o3dls init": HERE + "test_a_table_is_no_study",
-    "if it is the export of a study, use o3dls import": HERE + "test_a_study_is_no_table",
-    "put the MRI or CT surface there before o3dls run": HERE + "test_a_study_is_no_table",
-    "state it with o3dls convert --frame": HERE + "test_landmarks_without_a_frame_get_one",
-    "say um (for this file alone: o3dls convert)": HERE + "test_micrometres_for_one_file_alone",
-    "close it with `o3dls convert --cap`": "io/test_io_advice.py::"
-    "test_what_is_advised_for_an_open_prior_closes_it",
-    "mend it with `o3dls convert --repair`": "adapters/test_mending.py::"
-    "test_the_sentence_that_refuses_names_the_mend",
-    "or run the case by o3dls run": HERE + "test_what_is_too_much_for_a_session_is_run",
-    "name the folder that `o3dls batch`": HERE + "test_a_cohort_is_that_of_a_batch",
-    "name the one that `o3dls batch`": HERE + "test_a_cohort_is_that_of_a_batch",
-    "write it in mm: o3dls convert PRIOR OUT": HERE + "test_a_prior_in_metres_is_written_in_millimetres",
-    "for several there is o3dls compare": HERE + "test_runs_of_two_cases_are_compared",
-    "its pictures are in the report: o3dls report": HERE + "test_a_run_in_2d_has_its_pictures_in_the_report",
-    "look at the page in a browser: o3dls view": HERE + "test_where_no_window_opens_a_page_does",
-    "o3dls convert PRIOR prior.ply": HERE + "test_a_prior_without_a_frame_gets_one",
-    "as `o3dls settings": HERE + "test_settings_that_others_print",
-    "`o3dls paper --out": "paper/test_paper.py::test_a_folder_without_results_is_named",
-    "by the link that o3dls live printed": None,
-}
-NO_SENTENCES = ("adapters/keywords", "live/page", "paper/page")  # patterns, titles
-
-
-def sentences() -> Iterator[tuple[str, str]]:
-    """The strings of the program that name a command, with what is filled in as {}; no docstrings."""
-    for path in sorted((ROOT / "o3dls").rglob("*.py")):
-        name = path.relative_to(ROOT / "o3dls").with_suffix("").as_posix()
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        strings = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
-        skipped = {id(part) for node in strings for part in node.values}
-        skipped |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
-            text = None if id(node) in skipped else string_of(node)
-            if text and set(COMMAND.findall(text)) & set(cli.commands) and not name.startswith(NO_SENTENCES):
-                yield name, text
-
-
-def test_every_sentence_that_names_a_command_is_followed_by_a_test() -> None:
-    found = list(sentences())
-    assert len(found) > 20
-    for name, text in found:
-        assert any(words in text for words in FOLLOWED), f"{name}: {text}"
-    for words, test in FOLLOWED.items():
-        if test is not None:
-            file, _, function = test.partition("::")
-            assert f"def {function}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), words
 
 
 def advised(said: str, command: str, **known: object) -> list[str]:
@@ -145,7 +82,7 @@ def test_a_run_without_a_report_gets_one(plan: Path, tmp_path: Path, monkeypatch
 
 
 def test_a_table_is_no_study(tmp_path: Path) -> None:
-    case = ball(tmp_path / "ball")
+    case = ball(tmp_path / "the ball")
     said = refused("import", case / "points.csv", tmp_path / "case")
     followed(*advised(said, "init", DIR=tmp_path / "case", PRIOR=case / "prior.ply"))
 
@@ -236,8 +173,8 @@ def test_runs_of_two_cases_are_compared(plan: Path, tmp_path: Path) -> None:
 def test_a_run_in_2d_has_its_pictures_in_the_report(plan: Path, tmp_path: Path) -> None:
     write_case(tmp_path / "disc", disc_case())
     plan.write_text(LANDMARKS.replace("landmarks", "icp"))
-    followed("run", plan, "--case", tmp_path / "disc", "--out", tmp_path / "run")
-    followed(*advised(refused("view", tmp_path / "run", "--window"), "report"))
+    followed("run", plan, "--case", tmp_path / "disc", "--out", tmp_path / "the run")
+    followed(*advised(refused("view", tmp_path / "the run", "--window"), "report"))
 
 
 def test_where_no_window_opens_a_page_does(
@@ -246,8 +183,8 @@ def test_where_no_window_opens_a_page_does(
     monkeypatch.setattr(window, "has_display", lambda: False)
     monkeypatch.setattr(webbrowser, "get", lambda *_: webbrowser.GenericBrowser("true"))
     monkeypatch.setenv("BROWSER", "true")
-    followed("run", plan, "--case", ball(tmp_path / "ball"), "--out", tmp_path / "run")
-    said = followed(*advised(refused("view", tmp_path / "run", "--window"), "view"))
+    followed("run", plan, "--case", ball(tmp_path / "ball"), "--out", tmp_path / "the run")
+    said = followed(*advised(refused("view", tmp_path / "the run", "--window"), "view"))
     assert "report.html" in said
 
 

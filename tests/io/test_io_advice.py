@@ -77,7 +77,7 @@ def test_units_of_a_header_that_cannot_be_meant_are_asked_about_at_every_door(
         assert o3dls.read_surface(tmp_path / file).volume == pytest.approx(BALL.sum(), rel=0.02)
     assert o3dls.read_case(tmp_path / "case").prior.volume == pytest.approx(BALL.sum(), rel=0.02)
     image = nibabel.load(path)
-    with pytest.raises(InputError, match=rf"say units = {meant}, else units = {states}"):
+    with pytest.raises(InputError, match=rf"say units='{meant}', else units='{states}'"):
         o3dls.case_of(image, ball_points())
     if meant == "mm":
         case = o3dls.case_of(image, ball_points(), units="mm")

@@ -312,6 +312,7 @@ def test_segments_packed_by_run_lengths_are_the_same(kind: str, scale: int, tmp_
 def test_a_packing_that_nothing_here_unpacks_is_named(tmp_path: Path) -> None:
     """Deflated frames came into DICOM in 2024, and pydicom 3.0 has no decoder for them."""
     path = segmentation(tmp_path / "a.dcm", labels(), ["LA", "LV"], series(turned()), "LABELMAP")
+    plain = path.read_bytes()
     data = pydicom.dcmread(path)
     data.compress(pydicom.uid.RLELossless)
     data.file_meta.TransferSyntaxUID = jpeg = pydicom.uid.JPEG2000MC  # nothing decodes its second part
@@ -322,3 +323,5 @@ def test_a_packing_that_nothing_here_unpacks_is_named(tmp_path: Path) -> None:
         name = re.escape(syntax.decode().rstrip("\0"))
         with pytest.raises(InputError, match=rf"packed by .*{name}\), which pydicom .* without compression"):
             read_surface_file(path, part="LA")
+    path.write_bytes(plain)  # as other programs save it without
+    assert read_surface_file(path, part="LA").surface.watertight

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import socket
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from said import said_by
 from test_cohorts import ENDED, MEMORY, PIPELINE, QUICK, Heavy, SlowNote, cases, many, table, timed, whole
 from test_readme import BLOCK
 from tiny import Nudge, disc_case
@@ -183,6 +185,32 @@ def test_where_no_scheduler_answers_it_is_said_within_seconds(says: bytes | None
 def test_what_is_no_address_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'lokal': must be local, or the address of a scheduler"):
         run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", scheduler="lokal")
+
+
+def test_a_scheduler_is_begun_and_has_its_own_workers(
+    scheduler: tuple[str, subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    """What the refusals of `batch` ask for, one after the other."""
+    (case,) = cases(tmp_path / "cases", one=60)
+    (tmp_path / "pipe.toml").write_text('folds = 0\n[[stage]]\nuse = "icp"\n')
+    batch = ("batch", case, "--pipeline", tmp_path / "pipe.toml", "--out", tmp_path / "runs", "--scheduler")
+    code, told = said_by(*batch, "lokal")
+    found = re.search(r"must be local, or the address of a scheduler, such as (\w+)://host:\d+", told)
+    assert found, told
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        nobody = f"{found[1]}://127.0.0.1:{other.getsockname()[1]}"
+    code, told = said_by(*batch, nobody)
+    assert "begin one with `dask scheduler`, which says its address" in told
+    assert scheduler[0].startswith(f"{found[1]}://")
+    code, told = said_by(*batch, scheduler[0], "--jobs", 2)
+    assert (code, "has workers of its own; leave --jobs out" in told) == (2, True)
+    process = worker(scheduler[0])
+    try:
+        code, told = said_by(*batch, scheduler[0])
+    finally:
+        ended(process)
+    assert code == 0, told
+    assert (tmp_path / "runs/one/run.json").is_file()
 
 
 def test_without_dask_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

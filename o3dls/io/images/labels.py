@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError, did_you_mean
 from ..meshes.surface_file import SurfaceFile
-from ..text import is_count
+from ..text import is_count, listed
 from .pieces import joined
 from .registry import knows, read_image
 from .sidecar import DECIDED
@@ -98,7 +98,6 @@ def surface_of(
     facts: dict[str, Any] = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
     if stated := image.notes.get("units"):
         facts["stated_units"] = stated
-    share = f"{dropped / (voxels + dropped):.1%} of the label"
     of_blank = (
         "blank slices within it are interpolated"
         if fill_slices
@@ -106,7 +105,7 @@ def surface_of(
     )
     said = (
         (len(bridges), "thin pieces that only the gap between two slices parts are joined to the chamber"),
-        (dropped, f"voxels of smaller pieces are left out, {share}"),
+        (dropped, f"voxels of smaller pieces are left out, {dropped / (voxels + dropped):.1%} of the label"),
         (blank, of_blank),
     )
     notes = [image.notes[DECIDED]] if DECIDED in image.notes else []
@@ -156,7 +155,8 @@ def _choose_label(
     )
     found = {k: _find_labels(path, layers[..., k], None if label == 0 else 0) for k in numbers}
     labels = sorted({value for values in found.values() for value in values})
-    hint = _hint_options(segments, f"--label (there are {', '.join(map(str, labels))})")
+    parts = segments if label is None and layer is None else {}  # a part is said without the others
+    hint = _hint_options(parts, f"--label (there are {', '.join(map(str, labels))})")
     if label is None:
         if len(labels) > MANY_LABELS and not segments:
             raise InputError(
@@ -170,7 +170,7 @@ def _choose_label(
     if len(layers_of) > 1:
         raise InputError(
             f"{path}: label {label} is in {len(layers_of)} layers"
-            + _hint_options(segments, f"--layer ({layers_of[0]} to {layers_of[-1]})")
+            + _hint_options(parts, f"--layer ({listed(layers_of)})")
         )
     if not layers_of:
         raise InputError(f"{path}: has no label {label}" + hint)

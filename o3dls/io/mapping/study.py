@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -33,7 +34,8 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
             return _drop_impossible_values(found)
     if Path(study).suffix.lower() in TABLES:
         raise InputError(
-            f"{study}: is a table and no study: use o3dls init DIR --prior PRIOR --points {study}"
+            f"{study}: is a table and no study: use o3dls init DIR --prior PRIOR --points "
+            f"{shlex.quote(str(study))}"
         )
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"

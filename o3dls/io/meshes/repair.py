@@ -34,15 +34,16 @@ def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surfac
         )
     surface = coherent(surface, where)
     openings = boundary_edges(surface.faces, len(surface.vertices))
-    if len(openings) and not cap:
-        hint = "close it with `o3dls convert --cap`, or say cap = true in case.toml"
-        raise InputError(f"{where}: is open ({len(openings)} edges have one triangle only); {hint}")
     if stand_alone(surface) > SOUP:
         raise InputError(
             f"{where}: most of its triangles share no edge with another, and no weld joins them; a cap would "
-            "close each by itself: repair the mesh first"
+            "close each by itself: repair the mesh first, as in MeshLab"
         )
+    # before a cap is advised: some openings none can close
     surface = capped(surface, where) if len(openings) else surface
+    if len(openings) and not cap and abs(surface.volume) >= NOTHING * surface.diagonal**surface.dimension:
+        hint = "close it with `o3dls convert --cap`, or say cap = true in case.toml"
+        raise InputError(f"{where}: is open ({len(openings)} edges have one triangle only); {hint}")
     if abs(surface.volume) < NOTHING * surface.diagonal**surface.dimension:
         raise InputError(f"{where}: encloses nothing, even with its openings closed")
     return surface if surface.volume > 0 else replace(surface, faces=surface.faces[:, ::-1])
@@ -211,7 +212,8 @@ def capped(surface: Surface, where: str = "surface") -> Surface:
         np.sort(edges[:, 0]), np.sort(edges[:, 1])
     ):
         raise InputError(
-            f"{where}: two openings touch in one vertex, so they cannot be closed; repair the mesh first"
+            f"{where}: two openings touch in one vertex, so they cannot be closed; repair the mesh first, as "
+            "in MeshLab"
         )
     vertices = [surface.vertices]
     faces = [surface.faces]
