@@ -13,7 +13,7 @@ benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cros
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
 have a patient's own atrium as the prior, and a map that leaves wall out, a dense one, or a prior that lacks
-wall; `altered` has
+wall, `paths` a map that is taken along a path; `altered` has
 something wrong, and healthy cases beside it. Crossed cases say prior_of = "template". Names are groups and
 seeds as benchmarks.accuracy reads them:
 
@@ -22,6 +22,7 @@ seeds as benchmarks.accuracy reads them:
                                                                    one clustered with 5 % outliers
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
     whole_<points>_<even|clustered>_<seed>                         noise 1.5 mm, 5 % outliers
+    path_<groups|dragged>_<points>_<seed>                          errors that go together, 1 to 2 mm rms
     badly_segmented_<points>_<even|clustered>_<seed>
     altered_<what>_<points>_<seed>     what: a name of data_synth.altered.ALTERATIONS, or
         stranger    another person's prior, said to be the patient's
@@ -60,7 +61,9 @@ from data_synth import (
 )
 from data_synth.alignment import alongside
 from data_synth.altered import ALTERATIONS, altered
+from data_synth.catheter import Path as Way
 from data_synth.families import FAMILIES
+from data_synth.faulty_maps import along
 from data_synth.visits import SHARES
 from o3dls.arrays import Array
 from o3dls.case import Case
@@ -72,7 +75,7 @@ from o3dls.io.case_writer import write_case
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
     r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
-    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
+    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|path_[a-z]+_\d+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")
@@ -109,6 +112,7 @@ FIRST_SEED = {
     "altered": {False: 701, True: 2701},
     "badly_segmented": {False: 901, True: 2901},
     "whole": {False: 951, True: 3101},
+    "paths": {False: 961, True: 3201},
 }
 FEW = (100, 250)
 # where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
@@ -145,6 +149,9 @@ OWN_OUTLIERS = (0.0, 0.05)
 WHOLE_POINTS = (1000, 4000, 20_000)
 WHOLE = {False: 5, True: 10}  # atria, the last of each list
 REACH = 2.6  # radii: CT veins stay longer than catheters go
+PATHS = (("groups", False), ("dragged", True))  # how a catheter goes, and whether it is one tip
+PATH_POINTS = (250, 500, 1000, 4000)
+PATH_RMS, PATH_INSIDE = (1.0, 2.0), 0.08  # mm per axis, share
 BAD_POINTS = (250, 1000)
 BAD = {False: 5, True: 10}  # atria, the first of each list
 LASC = {False: range(60, 80), True: range(80, 100)}  # numbers of atria of lasc2018
@@ -377,6 +384,36 @@ def densely_mapped(judging: bool) -> Iterator[Wanted]:
 
 
 @dataclass(frozen=True)
+class AlongPath:
+    """A case whose map is taken along a path, by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    points: int
+    prior: str
+    family: str
+    dragged: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        prior = _read_wall(data, self.prior)
+        still = family(prior, self.seed, family=self.family, how=Mapping(self.points, OWN_NOISE, False))
+        rng = np.random.default_rng((self.seed, self.points, 70_841))
+        return along(rng, still, Way(self.points, rng.uniform(*PATH_RMS), PATH_INSIDE, self.dragged))
+
+
+def along_paths(judging: bool) -> Iterator[AlongPath]:
+    """Some patients' own atria with a plain motion, mapped by electrode groups or by one tip that is dragged,
+    with errors that go together; families take turns.
+    """
+    atria = (OWN_JUDGING if judging else OWN_DEVELOPMENT)[-WHOLE[judging] :]
+    for (way, dragged), points in product(PATHS, PATH_POINTS):
+        for k, (prior, motion) in enumerate(zip(atria, cycle(FAMILIES), strict=False)):
+            seed = FIRST_SEED["paths"][judging] + k
+            yield AlongPath(f"path_{way}_{points}_{seed}", seed, points, prior, motion, dragged)
+
+
+@dataclass(frozen=True)
 class BadlySegmented:
     """A case whose prior lacks what the truth has, by its name, and what it is made of."""
 
@@ -489,6 +526,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "families": moved,
     "unvisited": left_out,
     "whole": densely_mapped,
+    "paths": along_paths,
     "badly_segmented": bad_priors,
     "altered": altered_cases,
 }

@@ -64,7 +64,11 @@ def beside(rng: Rng, case: Case) -> Case:
 
 def along_a_path(rng: Rng, case: Case) -> Case:
     """The map is taken along a path, with errors that go together."""
-    how = Path(int((case.points.type == "eam").sum()), rng.uniform(*RMS))
+    return along(rng, case, Path(int((case.points.type == "eam").sum()), rng.uniform(*RMS)))
+
+
+def along(rng: Rng, case: Case, how: Path) -> Case:
+    """The case with a map that is taken along a path instead of its own; landmarks stay."""
     points, inside = walked(rng, true_surface(case), how)
     bare = kept(case, case.points.type == "landmark")
     truth = replace(true_of(case), unseen=None, outliers=None)

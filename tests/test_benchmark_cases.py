@@ -21,6 +21,7 @@ from benchmarks.cases import find, tuned_as
         ("family_flow_1_landmarks_2301", "family_flow_1_landmarks", "family_flow_1"),
         ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
         ("whole_20000_clustered_3104", "whole_20000_clustered", "whole_20000_clustered"),
+        ("path_dragged_500_3204", "path_dragged_500", "path_dragged_500"),
         ("unvisited_half_350_even_705", "unvisited_half_350_even", "unvisited_half_350_even"),
         (
             "badly_segmented_250_clustered_2902",

@@ -186,6 +186,20 @@ def test_errors_along_a_path_go_together_and_have_their_size(rms: float, rest: S
     assert 0.05 < (far > 10.0).mean() < 0.6  # unvisited wall
 
 
+def test_a_dragged_tip_goes_from_neighbour_to_neighbour_with_errors_that_last(rest: Surface) -> None:
+    points, inside = walked(np.random.default_rng(SEED), rest, Path(800, 1.5, 0.0, dragged=True))
+    assert len(inside) == 0
+    assert set(points.columns) == {"time"}
+    steps = np.linalg.norm(np.diff(points.xyz, axis=0), axis=1)
+    pairs = np.linalg.norm(points.xyz - np.random.default_rng(1).permutation(points.xyz), axis=1)
+    assert np.median(steps) < 0.2 * np.median(pairs)
+    _, face, foot, _ = rest.closest_point.query(points.xyz)
+    off = ((points.xyz - foot) * rest.face_normals[face]).sum(axis=1)
+    assert 1.0 < np.sqrt((off**2).mean()) < 2.1  # pressure is along the normal alone
+    assert np.corrcoef(off[:-1], off[1:])[0, 1] > 0.4
+    assert abs(np.corrcoef(off[:-200], off[200:])[0, 1]) < 0.25
+
+
 def test_an_unknown_alteration_is_refused_and_the_benchmark_knows_all(good: Case) -> None:
     with pytest.raises(InputError, match="no alteration 'lots': there are aorta"):
         altered(good, "lots", SEED)
