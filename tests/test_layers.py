@@ -67,7 +67,7 @@ ROOMS = {
     ),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
-    "motion": ("settings map_shift_settings", "field/", ".", "map_shift/"),
+    "motion": ("settings map_shift_settings drift_settings", "field/", ".", "map_shift/"),
     "reconstruction": ("settings shape_settings neighbours", "field/", "points/", "shape/", "."),
     "report": (
         "markup palette",

@@ -161,7 +161,7 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
         corners = faces[face]
         normals = unit_mean(vertex_normals(state.moved, faces), corners, bary)
         outward = ((data.points[new] - foot) * normals).sum(axis=1)
-        own = state.scales.noises[data.group[new]] * data.relative[new]
+        own = state.scales.errors(data.group[new], data.relative[new])
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
         weights[new], _ = earlier.problem.contacts(outward, variance, data.outlier_odds[new], state.contact)
     return weights

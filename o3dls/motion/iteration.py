@@ -16,9 +16,11 @@ from ..arrays import Array, Ints
 from ..geometry.differential import vertex_normals
 from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy
 from .field.covariance import FieldPrior
+from .field.drift import Taken, grams
 from .field.gaussian_process import FieldPosterior, solve
+from .field.kernels import add_scaled
 from .field.marginal_likelihood import Scales, free_energy, misfit, with_noise
-from .field.observations import Data, Feet, Rows, gather, points_left_out
+from .field.observations import Data, Feet, Rows, gather, number_patches, points_left_out
 from .problem import MotionProblem
 from .scales import annealed, first_scales, noise_factor, tune_scales
 
@@ -107,9 +109,12 @@ def step(
 def _solve_field(problem: MotionProblem, scales: Scales, rows: Rows, annealed: Array) -> Solved:
     """Solve for the field with scales whose logarithms are changed by `annealed`."""
     log = scales.log + annealed
-    log_noise = log[scales.fields :]
+    log_noise = log[scales.amplitudes :]
     prior = FieldPrior(problem.covariance, np.exp(log[: scales.fields]))
-    matrix, noise = with_noise(prior.between(rows.observed, rows.observed), log_noise, rows)
+    matrix = prior.between(rows.observed, rows.observed)
+    for sd, gram in zip(scales.drift_sds, rows.drift, strict=True):
+        add_scaled(matrix, gram, sd**2)
+    matrix, noise = with_noise(matrix, log_noise, rows)
     return Solved(
         rows, log_noise, noise, FieldPosterior(prior, rows.observed, solve(matrix, rows.residual)[0])
     )
@@ -138,13 +143,39 @@ def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -
 
 
 def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
-    """Return the rows of the linear system: one for each point, or for each patch if points are many."""
-    settings = problem.settings.iteration
+    """Return the rows of the linear system: one for each point, or for each patch if points are many; where
+    errors go together, for each patch and part of the order.
+    """
+    settings, data = problem.settings.iteration, problem.data
     patch = settings.patch * min(problem.covariance.lengths)
-    frame = problem.frame if len(problem.data.points) > settings.most_rows else None
-    return gather(
-        feet, problem.data, state.weights, problem.marks, settings.most_rows, patch, state.patches, frame
+    frame = problem.frame if len(data.points) > settings.most_rows else None
+    patches = state.patches
+    if state.scales.drifts and patches is None:
+        patches = _rows_in_order(problem, feet, patch)
+    rows = gather(feet, data, state.weights, problem.marks, settings.most_rows, patch, patches, frame)
+    if not state.scales.drifts:
+        return rows
+    place = data.place_in_order
+    taken = Taken(np.bincount(rows.of_point, place) / np.bincount(rows.of_point), place, rows.of_point)
+    return replace(
+        rows, drift=grams(rows.observed.directions, taken, problem.settings.drift.lengths), taken=taken
     )
+
+
+def _rows_in_order(problem: MotionProblem, feet: Feet, patch: float) -> Ints:
+    """Return the row (n,) of each point: its own while they are few, else those of one patch of the surface
+    that are taken one soon after the other share a row.
+    """
+    data, settings = problem.data, problem.settings.drift
+    place = data.place_in_order
+    rows, part = np.arange(len(place)), settings.block
+    while len(place) > problem.settings.iteration.most_rows and part < len(place):
+        parts = (place // part).astype(np.int64)
+        rows = number_patches(feet, data.group + data.groups * parts, patch, problem.frame)
+        if rows.max() < settings.most_rows:
+            break
+        part *= 2.0
+    return rows
 
 
 def believe(problem: MotionProblem, state: State, residual: Array, variance: Array) -> tuple[Array, Contact]:

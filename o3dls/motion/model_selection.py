@@ -79,7 +79,7 @@ def motion_evidence(run: Iterated) -> MotionEvidence:
         return certain
     log = scales.log.copy()
     mixed = probability * scales.noises**2 + (1.0 - probability) * alone.noises**2
-    log[scales.fields :] = 0.5 * np.log(mixed)
+    log[scales.amplitudes :] = 0.5 * np.log(mixed)
     corrected = alone.energy + settings.decisive < fit_pose(problem, free=False, clear=np.inf).energy
     pose = alone.similarity @ problem.pose if corrected else problem.pose
     # points alone have had their say on the pose in the start; as many landmarks as fix a pose say more

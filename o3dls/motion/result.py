@@ -11,6 +11,7 @@ from ..arrays import Array
 from ..geometry.differential import vertex_normals
 from ..geometry.fold_repair import repair_folds
 from ..geometry.similarity import fit_similarity
+from .field.drift import Drift
 from .iteration import Solved, State
 from .motion import FittedMotion
 from .problem import MotionProblem
@@ -52,6 +53,7 @@ class MotionFit:
     trace: tuple[dict[str, float], ...]
     facts: dict[str, float]
     problem: MotionProblem  # what stayed fixed during the fit: a warm start takes it over
+    drift: Drift | None = None  # errors that go together, where points show them
 
     @property
     def energy(self) -> float:
@@ -59,8 +61,14 @@ class MotionFit:
 
     @property
     def sigma(self) -> float:
-        """Noise of the mapping points."""
-        return float(self.state.scales.noises[0])
+        """Deviation of the mapping points' errors: their own noise, and what goes together."""
+        return float(self.state.scales.errors(np.zeros(1, dtype=np.int64), np.ones(1))[0])
+
+    @property
+    def errors(self) -> Array:
+        """Deviation (n,) of the errors of all points."""
+        data = self.problem.data
+        return self.state.scales.errors(data.group, data.relative)
 
     @property
     def gradient(self) -> float:
@@ -114,7 +122,17 @@ def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: floa
         "folded_faces": float(folded),
         "still_folded_faces": float(left),
     }
-    return MotionFit(motion, vertices, state, sd, run.moving < least, run.trace, facts, problem)
+    drift = None
+    if (taken := run.solved.rows.taken) is not None:
+        found = run.solved.field
+        drift = Drift(
+            problem.settings.drift,
+            state.scales.drift_sds,
+            taken,
+            found.observed.directions,
+            found.solved,
+        )
+    return MotionFit(motion, vertices, state, sd, run.moving < least, run.trace, facts, problem, drift)
 
 
 def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
@@ -129,6 +147,9 @@ def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
         "outlier_fraction": float(1.0 - state.weights[wall].mean()),
         "persistence": state.contact.persistence,
     }
+    if state.scales.drifts:
+        named = zip(problem.settings.drift.lengths, state.scales.drift_sds, strict=True)
+        facts |= {f"drift_{length:g}": float(sd) for length, sd in named}
     noises = ["ablation_noise"] * (problem.data.groups > 1) + ["landmark_noise"] * landmarks
     return facts | {name: float(noise) for name, noise in zip(noises, state.scales.noises[1:], strict=True)}
 
@@ -143,7 +164,9 @@ def sentence(fit: MotionFit, unit: str, later: int = 0) -> str:
     found = ["converged" if fit.converged else f"stopped after {len(fit.trace)} iterations, {still}"]
     if later:
         found = [f"updated with {later} point{'s' * (later > 1)} since the full fit"]
-    found += [f"noise {fit.sigma:.3g} {unit}", f"share of outliers {facts['outlier_fraction']:.0%}"]
+    together = float(np.linalg.norm(fit.state.scales.drift_sds))
+    common = f", {together:.3g} {unit} of it common to points taken one after the other" if together else ""
+    found += [f"noise {fit.sigma:.3g} {unit}{common}", f"share of outliers {facts['outlier_fraction']:.0%}"]
     if probability < PROBABLE:
         alone = fit.motion.pose_alone
         pose = (

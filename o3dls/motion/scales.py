@@ -42,9 +42,10 @@ def tune_scales(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
     s = problem.settings.covariance
     if problem.residual_sd < s.most_residuals * problem.size:
         # another heart's prior leaves large residuals, which are no sign of much noise
-        points = slice(scales.fields, scales.fields + problem.data.groups)
+        points = slice(scales.fields, scales.fields + problem.data.groups)  # drift has a prior of its own
         usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
-    scales = replace(scales, prior_log=usual)
+    drift = scales.prior_log[scales.fields : scales.amplitudes]
+    scales = replace(scales, prior_log=np.insert(usual, scales.fields, drift))
     likelihood = MarginalLikelihood.of(problem.covariance, rows)
     return replace(scales, log=likelihood.maximise(scales, problem.settings.iteration))
 
@@ -73,7 +74,7 @@ def annealed(iteration: int | None, scales: Scales, groups: int, settings: Itera
     if iteration is not None:
         grown = settings.first_amplitude + settings.amplitude_growth * iteration
         change[: scales.fields] = np.log(min(1.0, grown))
-    change[scales.fields : scales.fields + groups] = np.log(noise_factor(iteration, settings))
+    change[scales.amplitudes : scales.amplitudes + groups] = np.log(noise_factor(iteration, settings))
     return change
 
 

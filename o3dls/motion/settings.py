@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from ..noise.settings import ContactSettings
 from ..settings import number
+from .drift_settings import DriftSettings
 from .map_shift_settings import MapShiftSettings
 
 
@@ -67,9 +68,7 @@ class CovarianceSettings:
         "rms radii",
         "residuals, 8 mm, above which the start is wrong: another heart leaves up to 0.25",
     )
-    most_noise_fraction: float = number(
-        0.95, "1", "largest share of noise in the residuals of the start: there is always some motion"
-    )
+    most_noise_fraction: float = number(0.95, "1", "largest share of noise in the residuals of the start")
     landmark_noise: float = number(
         0.08, "rms radii", "expected noise of landmarks, which are picked to within 2 mm"
     )
@@ -230,6 +229,7 @@ class MotionSettings:
     leverage: LeverageSettings = field(default_factory=LeverageSettings)
     contact: ContactSettings = field(default_factory=ContactSettings)
     map_shift: MapShiftSettings = field(default_factory=MapShiftSettings)
+    drift: DriftSettings = field(default_factory=DriftSettings)
     inflation: float = number(
         1.3,
         "1",

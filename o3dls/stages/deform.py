@@ -44,6 +44,8 @@ class Deform(DeformParameters):
     name: ClassVar[str] = "deform"
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..motion.drift import fit_with_drift
+
         data = observed(case, self)
         if not (data.group == 0)[~data.inside].any():
             raise InputError(f"deform: case {case.name} has no points of type eam")
@@ -56,6 +58,7 @@ class Deform(DeformParameters):
         if taken_out:
             case = replace(start, map_shift=shift).corrected(case)
             fits = [best := self._fit_motion(case, pose, observed(case, self))]
+        independent, best = best, fit_with_drift(best) or best
         found = _describe_fit(case, best, len(best.problem.data.points))
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
@@ -64,7 +67,7 @@ class Deform(DeformParameters):
             *motion_warnings(best, start.surface, found.surface, case.units),
             *another_heart(case, best),
             *self._single_start(case),
-            *alternatives(best, fits, case.units),
+            *alternatives(independent, fits, case.units),
             *case_warnings(case, self.fits, start.T_map_prior, best.problem),
         ]
         return replace(found, warnings=(*start.warnings, *warnings))

@@ -10,9 +10,9 @@ import numpy as np
 from ..case import Case, Points
 from ..columns import times_of
 from ..errors import SolverError
-from ..geometry.similarity import apply
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
+from .pose_checks import swapped_landmarks
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -26,9 +26,6 @@ MANY = 0.5  # fraction of outliers that is worth a warning
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "the start, scale, frame or landmarks may be wrong"
 CAPTURED = 0.05  # fraction of points that a motion captures: .04 is the most of good fits
-# distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the
-# least of wrong ones
-SWAPPED = 2.0
 # area of a prior's smooth wall over its own: patients' have .94 and more, stairs of label volumes .79
 SMOOTH = 0.7
 OUTDATED = 1.1  # points over those that amplitudes and noise were estimated from
@@ -36,7 +33,8 @@ UNITS_APART = 100.0  # no map has points a hundred times as good as others; a co
 # rms gradient of the motion: motions of one heart have up to 0.19, a prior bent into another has 0.2 to 0.4
 ANOTHER_HEART = 0.2
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is almost as probable
-POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes")  # what an update judges again
+# what an update judges again
+POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes", "errors-together")
 
 
 def case_warnings(
@@ -64,6 +62,7 @@ def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> lis
         *_warn_of_duplicates(data, unit),
         *_warn_of_outliers(fit, status),
         *_warn_if_outdated(tuned_on, len(data.points)),
+        *_warn_of_drift(fit, unit),
     ]
 
 
@@ -100,7 +99,7 @@ def shifted(shift: MapShift | None, case: Case, *, taken_out: bool) -> list[RunW
 def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[RunWarning]:
     """Warn of other surfaces almost as probable: from another start, or from a fit without some points."""
     found = list[RunWarning]()
-    noise = float(best.state.scales.noises[0])
+    noise = best.sigma
     for other in fits:
         apart = float(np.linalg.norm(other.vertices - best.vertices, axis=1).mean())
         behind = other.energy - best.energy
@@ -136,6 +135,18 @@ def _warn_of_outliers(fit: MotionFit, status: str) -> list[RunWarning]:
 def _warn_if_outdated(before: int, now: int) -> list[RunWarning]:
     sentence = f"amplitudes, noise and pose were estimated from the first {before} of {now} points: fit again"
     return [RunWarning("outdated-amplitudes", sentence)] if now > OUTDATED * before else []
+
+
+def _warn_of_drift(fit: MotionFit, unit: str) -> list[RunWarning]:
+    scales = fit.state.scales
+    if not scales.drifts:
+        return []
+    together, own = float(np.linalg.norm(scales.drift_sds)), float(scales.noises[0])
+    sentence = (
+        f"points that were taken one after the other share an error of {together:.2g} {unit}, beside "
+        f"{own:.2g} {unit} of each point's own: the wall does not follow it, and its deviation allows for it"
+    )
+    return [RunWarning("errors-together", sentence)]
 
 
 def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
@@ -181,23 +192,6 @@ def stretched(fit: MotionFit, found: Surface, unit: str) -> list[RunWarning]:
         f"({middle}) {unit}: do the points there belong to this chamber?"
     )
     return [RunWarning("stretched-wall", sentence)]
-
-
-def swapped_landmarks(case: Case, T_map_prior: Array) -> list[RunWarning]:
-    """Warn of landmarks that lie far nearer to another's place on the posed prior than to their own."""
-    names, prior, measured = case.landmark_pairs()
-    if not names:
-        return []
-    apart = np.linalg.norm(measured[:, None] - apply(T_map_prior, prior)[None], axis=2)
-    return [
-        RunWarning(
-            "landmark-swapped-place",
-            f"landmark {names[k]} lies {apart[k, k]:.0f} {case.units} from its place on the prior and "
-            f"{apart[k, other]:.0f} {case.units} from that of {names[other]}: was it measured there?",
-        )
-        for k, other in enumerate(apart.argmin(axis=1))
-        if SWAPPED * apart[k, other] < apart[k, k]
-    ]
 
 
 def _warn_if_crumpled(problem: MotionProblem) -> list[RunWarning]:

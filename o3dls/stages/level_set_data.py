@@ -54,9 +54,12 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
 
     data, state = fit.problem.data, fit.state
     wall = ~data.inside
-    noise = state.scales.noises[data.group] * data.relative
-    inside = Inside(data.points[~wall], noise[~wall])
-    touching = data.points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
+    noise, points = state.scales.noises[data.group] * data.relative, data.points
+    if fit.drift is not None:  # where points were without the errors that they share
+        offsets, left = fit.drift.offsets()
+        noise, points = np.sqrt(noise**2 + left), points - offsets
+    inside = Inside(points[~wall], noise[~wall])
+    touching = points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
     return Believed(*touching, state.contact, inside, template)
 
 
@@ -145,11 +148,17 @@ def estimate_of(start: Estimate, reached: Result, mesh: Extraction) -> Estimate:
         status=reached.status,
         converged=reached.converged,
         iterations=max(len(reached.trace) - 1, 0),
-        sigma=start.sigma if reached.sigma is None else reached.sigma,
+        sigma=start.sigma if reached.sigma is None else _all_errors(start, reached.sigma),
         phi=reached.phi,
         trace=reached.trace,
         facts={**reached.facts, "changes": changes, **shifts},
     )
+
+
+def _all_errors(start: Estimate, noise: float) -> float:
+    """Return the deviation of all errors of the points: their own noise, and what they have in common."""
+    together = np.zeros(0) if start.fit is None else start.fit.state.scales.drift_sds
+    return float(np.hypot(noise, np.linalg.norm(together)))
 
 
 def with_existence(surface: Surface, points: Believed) -> Surface:

@@ -19,6 +19,7 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
+from ..motion.drift import fit_with_drift
 from ..motion.field.observations import Data
 from ..motion.fit import TrialFit, fit_motion
 from ..motion.result import MotionFit
@@ -90,7 +91,7 @@ class TopologySearch:
         weights = fit.state.weights[~fit.problem.data.inside]
         relative = np.ones(len(data.points))
         if moved:
-            relative = fit.state.scales.noises[data.group] / fit.sigma * data.relative
+            relative = fit.state.scales.errors(data.group, data.relative) / fit.sigma
         noise = Noise(fit.sigma if moved else None, outlier_fraction=float(1.0 - weights.mean()))
         return observe(wall, data.points, data.inside, relative, noise, self.settings.observation)
 
@@ -131,6 +132,7 @@ class TopologySearch:
         before = self.level_set(fit)
         for change in sorted(earned, key=lambda change: change.gain, reverse=True):
             after = fit_motion(*self.anew(fit, changed(before, change), fit.problem.data))
+            after = (fit.drift and fit_with_drift(after)) or after
             gain = fit.energy - after.energy - change.price(len(fit.problem.data.points))
             if gain > 0.0 and self.explains(change, after):
                 return after, replace(change, gain=gain)
@@ -144,11 +146,7 @@ class TopologySearch:
         wall = Wall(Surface(after.state.moved, after.problem.faces), self.settings.observation)
         distance = wall.look(change.odd)[0]
         cuts = self.settings.cuts
-        near = (
-            float(np.median(np.abs(distance))) < cuts.deep * float(after.state.scales.noises[0])
-            if len(distance)
-            else False
-        )
+        near = float(np.median(np.abs(distance))) < cuts.deep * after.sigma if len(distance) else False
         return len(distance) >= cuts.witnesses and near
 
     def keeps(self, fit: MotionFit, remade: Surface) -> bool:

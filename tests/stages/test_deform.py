@@ -34,11 +34,11 @@ from o3dls.stages.deform_checks import (
     captured,
     changed_volume,
     stretched,
-    swapped_landmarks,
 )
 from o3dls.stages.deform_data import observed
 from o3dls.stages.level_set import LevelSet
 from o3dls.stages.level_set_data import believed
+from o3dls.stages.pose_checks import swapped_landmarks
 
 NOISE = 0.8
 
@@ -720,12 +720,11 @@ def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
 @pytest.mark.parametrize(("behind", "warned"), [(1.0, True), (50.0, False)])
 def test_an_alternative_is_warned_of_only_where_the_points_hardly_prefer(behind: float, warned: bool) -> None:
     surface = body(3)
-    state = SimpleNamespace(scales=SimpleNamespace(noises=np.array([0.5])))
     best, other = (
         SimpleNamespace(
             vertices=surface.vertices + shift,
             energy=100.0 + energy,
-            state=state,
+            sigma=0.5,
             facts={},
         )
         for shift, energy in ((0.0, 0.0), (3.0, behind))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from ...errors import SolverError
 from ..settings import IterationSettings
 from .covariance import Covariance, grams
@@ -27,8 +27,9 @@ Terms = tuple[float, list[float], Array]
 
 @dataclass(frozen=True)
 class Scales:
-    """Scales are the logarithms of what the evidence tunes: field amplitudes first, then one noise level per
-    group of points; with their priors and the least values allowed.
+    """Scales are the logarithms of what the evidence tunes: field amplitudes first, then the deviations of
+    offsets that go together, if there are any (`drift`), then one noise level per group of points; with their
+    priors and the least values allowed.
     """
 
     log: Array
@@ -36,18 +37,33 @@ class Scales:
     prior_log_sd: Array
     least: Array
     fields: int
+    drifts: int = 0
+
+    @property
+    def amplitudes(self) -> int:
+        """How many stand before the noise levels."""
+        return self.fields + self.drifts
 
     @property
     def sds(self) -> Array:
         return np.asarray(np.exp(self.log[: self.fields]))
 
     @property
+    def drift_sds(self) -> Array:
+        return np.asarray(np.exp(self.log[self.fields : self.amplitudes]))
+
+    @property
     def noises(self) -> Array:
-        return np.asarray(np.exp(self.log[self.fields :]))
+        return np.asarray(np.exp(self.log[self.amplitudes :]))
+
+    def errors(self, group: Ints, relative: Array) -> Array:
+        """Return the deviation (n,) of all errors of points, by their group and relative noise (n,)."""
+        own = self.noises[group] * relative
+        return np.sqrt(own**2 + (self.drift_sds**2).sum()) if self.drifts else own
 
     def noise_alone(self) -> Scales:
         """Return these noise levels without any field."""
-        k = self.fields
+        k = self.amplitudes
         return Scales(self.log[k:], self.prior_log[k:], self.prior_log_sd[k:], self.least[k:], 0)
 
 
@@ -65,8 +81,9 @@ class MarginalLikelihood:
 
     @classmethod
     def of(cls, covariance: Covariance, rows: Rows) -> MarginalLikelihood:
-        """Return that of all amplitudes of a field, seen by rows."""
-        return cls(*grams(covariance, rows.observed), rows)
+        """Return that of all amplitudes of a field, seen by rows, and of their drift."""
+        fixed, parts = grams(covariance, rows.observed)
+        return cls(fixed, [*parts, *rows.drift], rows)
 
     def covariance(self, log: Array) -> tuple[Array, Array]:
         """Return K + S (n, n), and the diagonal of S (n,)."""
@@ -80,6 +97,23 @@ class MarginalLikelihood:
         the exact gradient.
         """
         return _minimise_energy(scales, self.rows, self._terms, settings)
+
+    def energy(self, scales: Scales) -> float:
+        """Return the -log evidence of scales, with their priors, in nats."""
+        matrix, _ = self.covariance(scales.log)
+        pull = (scales.log - scales.prior_log) / scales.prior_log_sd
+        posterior, _ = solve(matrix, self.rows.residual)
+        return free_energy(posterior, scales.log[scales.amplitudes :], self.rows) + 0.5 * float(pull @ pull)
+
+    def pull(self, log: Array, part: Array) -> float:
+        """Return by how many of its standard deviations the evidence rises with the variance of a further
+        part (n, n) of the covariance, as that begins: the score test (Rao 1948).
+        """
+        matrix, _ = self.covariance(log)
+        posterior, inverse = solve(matrix, self.rows.residual)
+        share = inverse @ part
+        rise = float(posterior.alpha @ part @ posterior.alpha) - float(np.trace(share))
+        return rise / float(np.sqrt(2.0 * np.vdot(share, share.T)))
 
     def _terms(self, log: Array) -> Terms:
         matrix, noise = self.covariance(log)
@@ -109,7 +143,7 @@ class MarginalLikelihood:
             turned = np.ascontiguousarray(slope.T)  # turned once, not in every product
             information[k, : k + 1] = [2.0 * np.vdot(other, turned) for other in slopes[: k + 1]]
         information += np.tril(information, -1).T
-        noises = np.arange(scales.fields, len(scales.log))
+        noises = np.arange(scales.amplitudes, len(scales.log))
         information[noises, noises] += 2.0 * np.maximum(self.rows.scatter[1], 0.0)
         pull = (scales.log - scales.prior_log) / scales.prior_log_sd
         stiffer = np.eye(len(pull)) + scales.prior_log_sd[:, None] * information * scales.prior_log_sd
@@ -152,9 +186,9 @@ def _minimise_energy(
             energy, of_fields, of_rows = terms(log)
         except SolverError:
             return too_far
-        within = squares * np.exp(-2.0 * log[scales.fields :])
+        within = squares * np.exp(-2.0 * log[scales.amplitudes :])
         of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
-        energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
+        energy += float(0.5 * within.sum() + degrees @ log[scales.amplitudes :]) + 0.5 * float(pull @ pull)
         return energy, np.r_[of_fields, of_noises] + pull / scales.prior_log_sd
 
     limits = [(low, None) for low in scales.least]

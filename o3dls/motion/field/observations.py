@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Ints
 from ...geometry.similarity import apply
 from .covariance import Observed
+from .drift import Taken
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,15 @@ class Data:
     def outlier_odds(self) -> Array:
         """Factor (n,) on the odds of being an outlier."""
         return self.odds if self.isolation is None else self.odds * self.isolation
+
+    @property
+    def place_in_order(self) -> Array:
+        """Place (n,) of each point in the order in which they were taken."""
+        count = len(self.points)
+        places = np.arange(float(count))
+        if self.order is not None:
+            places[np.argsort(self.order, kind="stable")] = np.arange(float(count))
+        return places
 
     @property
     def trusted(self) -> Array:
@@ -90,7 +100,8 @@ class Rows:
 
     scatter holds, per noise group, the squares by which points of one row differ, and how many more points
     are believed than there are rows: a row half believed tells half as much of the noise (the M step of the
-    mixture); own_noise is the sum of the beliefs times the logarithms of the points' relative noise.
+    mixture); own_noise is the sum of the beliefs times the logarithms of the points' relative noise; drift
+    has the covariances (k, k) of offsets that go together, of unit deviation, and taken says when rows were.
     """
 
     observed: Observed
@@ -100,6 +111,8 @@ class Rows:
     of_point: Ints
     scatter: tuple[Array, Array]
     own_noise: float
+    drift: tuple[Array, ...] = ()
+    taken: Taken | None = None
 
 
 LEAST_WEIGHT = (
@@ -129,7 +142,7 @@ def gather(
         of_point = (
             np.arange(len(weights))
             if len(weights) <= most
-            else _number_patches(feet, data.group, patch, frame)
+            else number_patches(feet, data.group, patch, frame)
         )
     count = int(of_point.max(initial=-1)) + 1
     total = np.bincount(of_point, precision, minlength=count)
@@ -203,8 +216,10 @@ def points_left_out(
     return feet.residual - mean, var + own
 
 
-def _number_patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
-    """Number the patch of each foot: one cell of the reference, one noise group, normals in one orthant."""
+def number_patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
+    """Return the number (n,) of the patch of each foot: one cell of the reference, one group (n,), normals in
+    one orthant.
+    """
     frame = np.eye(feet.at.shape[1] + 1) if frame is None else frame
     cells = np.floor(apply(frame, feet.at) / patch).astype(np.int64)
     facing = (feet.normals @ frame[:-1, :-1].T > 0) @ (1 << np.arange(feet.normals.shape[1]))

@@ -59,7 +59,7 @@ def log_likelihood(problem: MotionProblem, state: State, points: Array) -> Array
     _, face, foot, bary = problem.tree.at(state.moved).query(points)
     normals = unit_mean(vertex_normals(state.moved, problem.faces), problem.faces[face], bary)
     outward = ((points - foot) * normals).sum(axis=1)
-    noise = state.scales.noises[problem.data.group] * problem.data.relative
+    noise = state.scales.errors(problem.data.group, problem.data.relative)
     fraction = state.contact.outlier_fraction
     density = (1.0 - fraction) * contact_density(outward, noise**2)
     return np.asarray(np.log(density + fraction * state.contact.outlier_density(outward) + ROUNDING))

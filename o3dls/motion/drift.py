@@ -1,0 +1,82 @@
+"""Find errors of the points that go together along their order, and fit the motion anew with them.
+
+A motion follows them where it does not know them, and its deviation is too small. The model is `field.drift`;
+whether errors go together is decided by evidence, so that maps with independent errors keep their fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..parallel import one_blas_thread
+from .field.marginal_likelihood import MarginalLikelihood, Scales
+from .field.observations import Rows
+from .iteration import State, find_feet, gather_rows, step
+from .problem import MotionProblem
+from .result import Iterated, MotionFit, motion_fit
+
+
+def fit_with_drift(fit: MotionFit) -> MotionFit | None:
+    """Return the fit gone on from with errors that go together; None where the points do not show any."""
+    problem, settings = fit.problem, fit.problem.settings.drift
+    if (~problem.data.inside).sum() < settings.least_points:
+        return None
+    with one_blas_thread():
+        state = replace(fit.state.without_history(), scales=_with_drift(fit.state.scales, problem))
+        rows = gather_rows(problem, find_feet(problem, state), state)
+        tuned = _tuned_by_evidence(problem, state.scales, fit.state.scales, rows)
+        return None if tuned is None else _go_on(fit, replace(state, scales=tuned))
+
+
+def _with_drift(scales: Scales, problem: MotionProblem) -> Scales:
+    """Return the scales with a usual deviation of each offset that goes together."""
+    settings = problem.settings.drift
+    drifts = len(settings.lengths)
+    at = scales.fields
+
+    def extended(values: Array, more: float) -> Array:
+        return np.insert(values, at, np.full(drifts, more))
+
+    usual = float(np.log(settings.usual * problem.size))
+    return Scales(
+        extended(scales.log, usual),
+        extended(scales.prior_log, usual),
+        extended(scales.prior_log_sd, settings.log_sd),
+        extended(scales.least, -np.inf),
+        at,
+        drifts,
+    )
+
+
+def _tuned_by_evidence(problem: MotionProblem, drifting: Scales, alone: Scales, rows: Rows) -> Scales | None:
+    """Return the likeliest scales with errors that go together, if these have the evidence that they need
+    over independent ones. Most maps are dismissed by the slope of the evidence.
+    """
+    iteration, settings = problem.settings.iteration, problem.settings.drift
+    independent = MarginalLikelihood.of(problem.covariance, replace(rows, drift=()))
+    pulls = [independent.pull(alone.log, part) for part in rows.drift]
+    if max(pulls) < settings.least_pull:
+        return None
+    together = MarginalLikelihood.of(problem.covariance, rows)
+    alone = replace(alone, log=independent.maximise(alone, iteration))
+    drifting = replace(drifting, log=together.maximise(drifting, iteration))
+    gain = independent.energy(alone) - together.energy(drifting)
+    return drifting if gain >= settings.evidence else None
+
+
+def _go_on(fit: MotionFit, state: State) -> MotionFit:
+    """Run rounds from a state until the surface stands still."""
+    problem, settings = fit.problem, fit.problem.settings.drift
+    least = problem.settings.iteration.tolerance * problem.size
+    trace = list[dict[str, float]]()
+    for _ in range(settings.rounds):
+        state, solved, record = step(problem, state, None)
+        trace.append(record)
+        if record["step"] < least:
+            break
+    moving = fit.motion.probability * trace[-1]["step"]
+    run = Iterated(problem, state, solved, (*fit.trace, *trace), moving, fit.facts)
+    return motion_fit(run, fit.motion.probability, fit.motion.pose_alone, least)

@@ -1,0 +1,35 @@
+"""Numbers of errors that go together along the order of the points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..settings import number
+
+
+@dataclass(frozen=True)
+class DriftSettings:
+    """These settings say how errors of points that are taken one after the other go together."""
+
+    lengths: tuple[float, ...] = number(
+        (12.0, 60.0),
+        "points",
+        "lengths of errors that go together: a group of electrodes, and breathing, contact or a slip",
+    )
+    usual: float = number(
+        0.02, "rms radii", "usual deviation of each length, 0.5 mm per axis, before points are seen"
+    )
+    log_sd: float = number(1.0, "1", "log_sd of the deviations: a factor of e either way")
+    least_pull: float = number(
+        1.5, "sd", "score of drift to be worth a look: independent errors reach it on 1 of 15 maps"
+    )
+    evidence: float = number(
+        5.0, "nats", "evidence that errors go together: independent ones gain up to 1, paths 5 to 160"
+    )
+    least_points: int = number(60, "points", "fewest points whose errors are asked")
+    block: float = number(6.0, "points", "part of the order of which points of one patch share a row")
+    most_rows: int = number(
+        700, "rows", "rows above which parts of the order are doubled: more rows move no mean by 1 %"
+    )
+    at_once: int = number(4000, "points", "points whose covariances with all rows are in memory together")
+    rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")
