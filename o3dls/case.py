@@ -134,10 +134,10 @@ class Truth:
     """
 
     surface: Surface | None = None
-    held_out: Array | None = None
-    unseen: NDArray[np.bool_] | None = None
-    correspondence: tuple[Array, Array] | None = None
-    outliers: NDArray[np.int64] | None = None
+    held_out: Array | None = field(default=None, repr=False)
+    unseen: NDArray[np.bool_] | None = field(default=None, repr=False)
+    correspondence: tuple[Array, Array] | None = field(default=None, repr=False)
+    outliers: NDArray[np.int64] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

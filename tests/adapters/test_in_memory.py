@@ -201,6 +201,7 @@ def test_landmarks_that_register_does_not_use_are_said(
 def test_what_is_shown_is_one_line() -> None:
     found = o3dls.register(BALL.prior, {**COLUMNS, "lat": BIPOLAR}, stages=[Nudge()], name="<b>")
     shown = [found, found.run, found.estimate, found.run.case, found.run.case.points, found.estimate.surface]
+    shown.append(o3dls.Truth(BALL.prior, BALL.prior.vertices))
     for thing in shown:
         text = repr(thing)
         assert text.startswith(type(thing).__name__ + "(")
