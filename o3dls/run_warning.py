@@ -13,6 +13,7 @@ CODES: Mapping[str, str] = {
     "points-on-a-ball": "the points lie on a ball rather than on the prior",
     "points-beside-the-wall": "nearly all points lie on one side of the prior where the landmarks put it",
     "large-noise": "the points scatter more about the wall than mapping does",
+    "small-noise": "the points scatter less about the wall than any catheter's do",
     "landmark-not-used": "one landmark contradicts all others, which agree, and is not used",
     "landmark-names-doubtful": "names of landmarks may mean either of two places, and are not used",
     "values-missing": "a column of the points holds numbers that stand for none, as -10000 does",

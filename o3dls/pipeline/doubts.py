@@ -28,6 +28,7 @@ ONE_SIDE = 0.9  # share of the points that lie on one side of the prior; warned 
 OFFSET = 0.15  # at this median distance, in rms radii: 4 mm for an atrium
 NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium; mapping has 1 to 2 mm
 NOISY_POSE = 0.11  # the same for a pose, 2.9 mm: it leaves residuals that only a motion can follow
+CALM = 0.03  # noise in rms radii, 0.8 mm for an atrium, below that of any catheter
 SPREAD = 200  # number of points, spread evenly, that are used: many beats at one place count once
 
 
@@ -59,6 +60,8 @@ def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWar
         found.append(RunWarning("points-beside-the-wall", beside))
     if scattered := _find_scatter(case, final):
         found.append(RunWarning("large-noise", scattered))
+    if calm := _find_calm(case, final):
+        found.append(RunWarning("small-noise", calm))
     return found
 
 
@@ -243,4 +246,15 @@ def _find_scatter(case: Case, final: Estimate) -> str:
     return (
         f"the points scatter by {scatter:.2g} {case.units} about the result, more than mapping does (1 to 2 "
         "mm): many may not touch the wall, or prior and points may not belong together"
+    )
+
+
+def _find_calm(case: Case, final: Estimate) -> str:
+    """Return a sentence where a motion leaves the points less noise than any catheter has."""
+    least = CALM * rms_radius(case.prior.vertices)
+    if final.motion is None or final.sigma is None or final.sigma >= least:
+        return ""
+    return (
+        f"the noise found is {final.sigma:.2g} {case.units}, less than a catheter has ({least:.2g}): "
+        "points that were projected to a shell, or sorted, hide their errors in the wall"
     )

@@ -178,6 +178,14 @@ def test_what_can_be_meant_is_fitted_without_a_word(case: Case) -> None:
     assert not doubts & {warning.code for one in run.estimates.values() for warning in one.warnings}
 
 
+@pytest.mark.parametrize(("sd", "warned"), [(0.4, True), (1.2, False)])
+def test_less_noise_than_a_catheter_has_is_asked_about(sd: float, warned: bool) -> None:
+    run = Pipeline([Landmarks(), ICP(), Deform()], folds=0).run(usual(sd))
+    of = {name: {warning.code for warning in one.warnings} for name, one in run.estimates.items()}
+    assert ("small-noise" in of["deform"]) == warned
+    assert of["deform"] >= of["icp"]
+
+
 def test_two_thousand_beats_of_one_contact_inside_do_not_move_the_wall() -> None:
     case = usual()
     more = beats_at(case, case.points.of("eam").xyz.mean(axis=0) + np.array([3.0, 2.0, 1.0]))
