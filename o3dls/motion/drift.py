@@ -14,19 +14,25 @@ from ..arrays import Array
 from ..parallel import one_blas_thread
 from .field.marginal_likelihood import MarginalLikelihood, Scales
 from .field.observations import Rows
-from .iteration import State, find_feet, gather_rows, step
+from .iteration import State, find_feet, gather_rows, rows_in_order, step
 from .problem import MotionProblem
 from .result import Iterated, MotionFit, motion_fit
 
 
 def fit_with_drift(fit: MotionFit) -> MotionFit | None:
-    """Return the fit gone on from with errors that go together; None where the points do not show any."""
+    """Return the fit gone on from with errors that go together; None where the points do not show any, or are
+    too many in no order in space to be asked.
+    """
     problem, settings = fit.problem, fit.problem.settings.drift
     if (~problem.data.inside).sum() < settings.least_points:
         return None
     with one_blas_thread():
-        state = replace(fit.state.without_history(), scales=_with_drift(fit.state.scales, problem))
-        rows = gather_rows(problem, find_feet(problem, state), state)
+        feet = find_feet(problem, fit.state)
+        if (patches := rows_in_order(problem, feet)) is None:
+            return None
+        scales = _with_drift(fit.state.scales, problem)
+        state = replace(fit.state.without_history(), scales=scales, patches=patches)
+        rows = gather_rows(problem, feet, state)
         tuned = _tuned_by_evidence(problem, state.scales, fit.state.scales, rows)
         return None if tuned is None else _go_on(fit, replace(state, scales=tuned))
 

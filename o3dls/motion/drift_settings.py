@@ -29,7 +29,12 @@ class DriftSettings:
     least_points: int = number(60, "points", "fewest points whose errors are asked")
     block: float = number(6.0, "points", "part of the order of which points of one patch share a row")
     most_rows: int = number(
-        700, "rows", "rows above which parts of the order are doubled: more rows move no mean by 1 %"
+        700, "rows", "rows above which the parts and the patches are made larger: more rows change little"
+    )
+    longer: float = number(1.4, "1", "factor on the parts of the order where there are too many rows")
+    wider: float = number(1.2, "1", "factor on the patches where there are too many rows")
+    widest: float = number(
+        4.0, "1", "largest factor on the patches: maps that need larger ones visit all places all the time"
     )
     at_once: int = number(4000, "points", "points whose covariances with all rows are in memory together")
     rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")

@@ -147,11 +147,11 @@ def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
     errors go together, for each patch and part of the order.
     """
     settings, data = problem.settings.iteration, problem.data
-    patch = settings.patch * min(problem.covariance.lengths)
     frame = problem.frame if len(data.points) > settings.most_rows else None
     patches = state.patches
     if state.scales.drifts and patches is None:
-        patches = _rows_in_order(problem, feet, patch)
+        patches = rows_in_order(problem, feet)
+    patch = _patch_width(problem)
     rows = gather(feet, data, state.weights, problem.marks, settings.most_rows, patch, patches, frame)
     if not state.scales.drifts:
         return rows
@@ -162,20 +162,27 @@ def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
     )
 
 
-def _rows_in_order(problem: MotionProblem, feet: Feet, patch: float) -> Ints:
+def rows_in_order(problem: MotionProblem, feet: Feet) -> Ints | None:
     """Return the row (n,) of each point: its own while they are few, else those of one patch of the surface
-    that are taken one soon after the other share a row.
+    that are taken one soon after the other share a row; None where these would be too many rows.
     """
     data, settings = problem.data, problem.settings.drift
     place = data.place_in_order
-    rows, part = np.arange(len(place)), settings.block
-    while len(place) > problem.settings.iteration.most_rows and part < len(place):
+    if len(place) <= problem.settings.iteration.most_rows:
+        return np.arange(len(place))
+    part, wider = settings.block, 1.0
+    while wider <= settings.widest:
         parts = (place // part).astype(np.int64)
-        rows = number_patches(feet, data.group + data.groups * parts, patch, problem.frame)
+        groups = data.group + data.groups * parts
+        rows = number_patches(feet, groups, wider * _patch_width(problem), problem.frame)
         if rows.max() < settings.most_rows:
-            break
-        part *= 2.0
-    return rows
+            return rows
+        part, wider = settings.longer * part, settings.wider * wider
+    return None
+
+
+def _patch_width(problem: MotionProblem) -> float:
+    return problem.settings.iteration.patch * float(min(problem.covariance.lengths))
 
 
 def believe(problem: MotionProblem, state: State, residual: Array, variance: Array) -> tuple[Array, Contact]:
