@@ -58,7 +58,9 @@ class Deform(DeformParameters):
         if taken_out:
             case = replace(start, map_shift=shift).corrected(case)
             fits = [best := self._fit_motion(case, pose, observed(case, self))]
-        independent, best = best, fit_with_drift(best) or best
+        independent = best
+        if self.shared_errors == "find":
+            best = fit_with_drift(best) or best
         found = _describe_fit(case, best, len(best.problem.data.points))
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [

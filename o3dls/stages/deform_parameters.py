@@ -79,6 +79,11 @@ class DeformParameters(Stage):
             "estimate that shift and take it out of its points; or do not ask"
         ),
     )
+    shared_errors: Literal["find", "ignore"] = Field(
+        default="find",
+        description="tell errors that points share with those taken before and after them from the wall, or "
+        "take all errors as independent",
+    )
     starts: Literal["auto", "given", "several"] = Field(
         default="auto",
         description=(

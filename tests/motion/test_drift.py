@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from fields import bend, body, spots, wall
 
+from o3dls import Deform, Pipeline
 from o3dls.arrays import Array
+from o3dls.case import Case, Points
 from o3dls.geometry.surface import Surface
 from o3dls.motion.drift import fit_with_drift
 from o3dls.motion.field.drift import Drift, Taken, grams
@@ -18,6 +20,7 @@ from o3dls.motion.fit import fit_motion
 from o3dls.motion.iteration import find_feet, gather_rows
 from o3dls.motion.result import MotionFit, sentence
 from o3dls.motion.settings import MotionSettings
+from o3dls.stages.level_set_data import believed
 
 COUNT = 400
 OWN, SHARED = 0.5, 1.4  # mm: what each point has for itself, and groups have in common, along each axis
@@ -208,3 +211,34 @@ def test_an_update_goes_on_with_what_errors_have_in_common() -> None:
     assert later.sigma == fit.sigma
     left, before = (np.linalg.norm(one.vertices - anew.vertices, axis=1).mean() for one in (later, fit))
     assert left < 0.5 * before
+
+
+def test_the_stage_says_what_it_found_and_may_be_told_not_to_ask() -> None:
+    surface, _, points, _ = mapped(count=250)
+    case = Case("case", surface, Points(points, np.full(len(points), "eam")))
+    asked, not_asked = (
+        Pipeline([Deform(shared_errors=choice)], folds=0).run(case).estimates["deform"]
+        for choice in ("find", "ignore")
+    )
+    (warning,) = (one for one in asked.warnings if one.code == "errors-together")
+    assert warning.grade == "good"
+    assert "share an error of" in warning.sentence
+    assert "errors-together" not in {one.code for one in not_asked.warnings}
+    assert asked.sigma is not None
+    assert not_asked.sigma is not None
+    assert asked.sigma > not_asked.sigma
+    assert set(asked.facts) - set(not_asked.facts) >= {"drift_12", "drift_60"}
+
+
+def test_the_level_set_is_given_points_without_the_errors_that_they_share() -> None:
+    surface, truth, points, _ = mapped()
+    independent = fitted(surface, points)
+    fit = fit_with_drift(independent)
+    assert fit is not None
+    moved = surface.with_vertices(truth)
+    given, plain = (believed(one, template=False) for one in (fit, independent))
+    np.testing.assert_array_equal(plain.points, points)
+    off, before = (np.sqrt(moved.closest_point.query(one.points)[0].mean()) for one in (given, plain))
+    assert off < 0.8 * before
+    assert (given.noise > fit.state.scales.noises[0]).all()
+    assert (given.noise < fit.sigma).all()
