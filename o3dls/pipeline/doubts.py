@@ -255,6 +255,6 @@ def _find_calm(case: Case, final: Estimate) -> str:
     if final.motion is None or final.sigma is None or final.sigma >= least:
         return ""
     return (
-        f"the noise found is {final.sigma:.2g} {case.units}, less than a catheter has ({least:.2g}): "
+        f"the noise found is {final.sigma:.3g} {case.units}, less than a catheter has ({least:.3g}): "
         "points that were projected to a shell, or sorted, hide their errors in the wall"
     )
