@@ -57,7 +57,9 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
     noise, points = state.scales.noises[data.group] * data.relative, data.points
     if fit.drift is not None:  # where points were without the errors that they share
         offsets, left = fit.drift.offsets()
-        noise, points = np.sqrt(noise**2 + left), points - offsets
+        # what is left of these does not average out among the points that share it
+        sharing = 2.0 * min(fit.drift.settings.lengths)
+        noise, points = np.sqrt(noise**2 + sharing * left), points - offsets
     inside = Inside(points[~wall], noise[~wall])
     touching = points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
     return Believed(*touching, state.contact, inside, template)
