@@ -236,6 +236,8 @@ FOLLOWED = {
 }
 # texts that look like advice and ask for nothing: whole, or the beginning before "..."
 NO_ADVICE = {
+    # what a table or a picture shows
+    "Of {}, by the patient's axes and the named places...",
     # what commands and parameters do: help
     "run the cases on the workers of a dask scheduler...",
     "points a second of --replay",
