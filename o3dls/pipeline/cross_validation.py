@@ -23,6 +23,9 @@ from ..evaluation.statistics import Difference, paired_difference
 from ..run_warning import RunWarning
 from ..runs.log import recorded_log
 
+# ratio of distances above which an earlier estimate takes the place of the last, which is meshed and repaired
+# anew: without a bound, a hundredth of a millimetre that is the same at all points decides
+MINDED = 1.03
 log = logging.getLogger("o3dls")
 
 Fit = Callable[[Case], Mapping[str, Estimate]]
@@ -136,7 +139,7 @@ def ending(
 
     chain: the last estimate and those that it started from, last first; left_out: by estimate, how the eam
     points of the case lie to what was fitted without them. The last is rejected where another is
-    closer in the mean and the 95 % interval of the difference leaves out zero.
+    closer in the mean, by more than nobody minds, and the 95 % interval of the difference leaves out zero.
     """
     last = chain[0]
     known = {name: left_out[name].distance for name in chain if name in left_out}
@@ -144,7 +147,7 @@ def ending(
         return last, []
     best = min(known, key=lambda name: float(known[name].mean()))
     farther = paired_difference(known[best], known[last], case.points.of("eam").xyz)
-    if not farther.low > 0.0:
+    if not (farther.low > 0.0 and farther.second > MINDED * farther.first):
         return last, []
     said = _describe_harm(last, best, farther, case.units)
     if keep_last:

@@ -28,7 +28,7 @@ ONE_SIDE = 0.9  # share of the points that lie on one side of the prior; warned 
 OFFSET = 0.15  # at this median distance, in rms radii: 4 mm for an atrium
 NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium; mapping has 1 to 2 mm
 NOISY_POSE = 0.11  # the same for a pose, 2.9 mm: it leaves residuals that only a motion can follow
-CALM = 0.03  # noise in rms radii, 0.8 mm for an atrium, below that of any catheter
+CALM = 0.025  # noise in rms radii, 0.65 to 0.8 mm for atria: no catheter has less
 SPREAD = 200  # number of points, spread evenly, that are used: many beats at one place count once
 
 
@@ -231,9 +231,8 @@ def _find_one_side(case: Case, start: Estimate, points: Array) -> str:
 
 
 def _find_scatter(case: Case, final: Estimate) -> str:
-    """Return a sentence where the points scatter about the result more than mapping does: by the noise that a
-    stage found, else by the distances of all. (Points that are spread evenly over a dense map are the
-    extremes of its noise.)
+    """Return a sentence where the points scatter about the result more than mapping does, by the noise that a
+    stage found, else by all distances: points spread evenly over a dense map are the extremes of its noise.
     """
     from ..evaluation.distances import distances
     from ..noise.robust import robust_sd
@@ -250,9 +249,10 @@ def _find_scatter(case: Case, final: Estimate) -> str:
 
 
 def _find_calm(case: Case, final: Estimate) -> str:
-    """Return a sentence where a motion leaves the points less noise than any catheter has."""
+    """Return a sentence where a motion leaves the points less noise than a catheter has, none in common."""
     least = CALM * rms_radius(case.prior.vertices)
-    if final.motion is None or final.sigma is None or final.sigma >= least:
+    known = final.motion is None or any(one.code == "errors-together" for one in final.warnings)
+    if known or not final.sigma or final.sigma >= least:
         return ""
     return (
         f"the noise found is {final.sigma:.3g} {case.units}, less than a catheter has ({least:.3g}): "
