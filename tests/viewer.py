@@ -53,6 +53,15 @@ def press(visit: Visit, name: str) -> None:
     visit.settle()
 
 
+def rest(visit: Visit) -> None:
+    """Wait until the pictures stay as they are: 150 ms after the last one the page looks what the wall hides."""
+    for _ in range(20):
+        shown = visit.picture(0)
+        visit.page.wait_for_timeout(400)
+        if (visit.picture(0) == shown).all():
+            return
+
+
 def type_range(visit: Visit, low: str, high: str, bar: str = "#surface-bar") -> None:
     for end, value in ((".low", low), (".high", high)):
         visit.page.locator(f"{bar} {end}").fill(value)

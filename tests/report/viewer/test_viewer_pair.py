@@ -15,7 +15,7 @@ from o3dls.report.subject import read_subject
 from o3dls.report.writer import write_report
 from tests.browser import Visit
 from tests.finished import bulged_case, fine_sphere, finished
-from tests.viewer import FIXTURES, SAME, press
+from tests.viewer import FIXTURES, SAME, press, rest
 
 run, report, launch, browser, visit = FIXTURES
 
@@ -90,6 +90,7 @@ def top(visit: Visit, share: float) -> int:
 
 
 def test_the_divider_is_dragged_and_pictures_return(visit: Visit) -> None:
+    rest(visit)
     start = [visit.picture(k) for k in range(2)]
     press(visit, "Before / after")
     divider = visit.page.locator("#divider")
@@ -109,6 +110,7 @@ def test_the_divider_is_dragged_and_pictures_return(visit: Visit) -> None:
     press(visit, "Reset")
     assert not divider.is_visible()
     assert (top(visit, 0.02), top(visit, 0.98)) == (0, 0)  # of the first picture, which is whole again
+    rest(visit)
     for k in range(2):
         assert np.abs(visit.picture(k) - start[k]).mean() < SAME
 
