@@ -43,11 +43,11 @@ def scored(
     estimates = _share_surfaces(estimates)
     surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
     # pymeshlab, of which validity is made, works on one core; distances are compiled loops on the other
-    scores, judged = both(
+    judged, scores = both(
+        lambda: {surface: validity(surface, case.prior, case.units) for surface in surfaces},
         lambda: {
             name: score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
         },
-        lambda: {surface: validity(surface, case.prior, case.units) for surface in surfaces},
     )
     return Run(
         case=case,
