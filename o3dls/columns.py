@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, Ints
 from .errors import InputError
 
 AXIS_FORMS: tuple[str, ...] = ("pos {}", "{} pos", "pos{}", "position {}", "{} position", "point {}")
@@ -50,6 +50,8 @@ DOUBTFUL = {
 }
 DOUBTFUL |= {"spannung": "bipolar or unipolar"}
 TIME = "time"  # column: when a point was taken
+GROUP = "group"  # column: points with the same value were taken at one moment by one catheter
+ELECTRODES = 64  # of a catheter: a group of more points is of something else, such as of a chamber
 
 
 class Meaning(NamedTuple):
@@ -132,8 +134,10 @@ def described(heading: str, name: str, kind: str) -> str:
         scaled = meaning_of(heading)
         by = f", times {scaled.factor:g}" if scaled and scaled.factor != 1.0 else ""
         return f"taken as {name}{by}"
-    if _says_time(name) and kind not in "US":
+    if _says(name, TIME) and kind not in "US":
         return f"taken as the order of the points; if it is a lat, say --columns lat={heading}"
+    if _says(name, GROUP):
+        return f"taken as the moments of the points, where none has more than {ELECTRODES} of them"
     doubt = DOUBTFUL.get(name.strip().casefold())
     asked = f"; if it is {doubt}, say --columns NAME={heading}" if doubt else ""
     return f"kept as {'text' if kind in 'US' else 'numbers'}, and not used{asked}"
@@ -143,7 +147,7 @@ def times_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Ar
     """Return when each point (n,) was taken, by the column `time`: landmarks without one come first, other
     points last. None where a mapping point has none, or one is below 0, as activation times are.
     """
-    values = next((values for name, values in columns.items() if _says_time(name)), None)
+    values = next((values for name, values in columns.items() if _says(name, TIME)), None)
     if values is None or values.dtype.kind not in "fiu":
         return None
     times = np.asarray(values, dtype=np.float64)
@@ -152,8 +156,23 @@ def times_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Ar
     return np.where(np.isnan(times), np.where(kinds == "landmark", -np.inf, np.inf), times)
 
 
-def _says_time(name: str) -> bool:
-    return name.strip().casefold() == TIME
+def moments_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Ints | None:
+    """Return a number (n,) that the mapping points of one moment share, by the column `group`; any other
+    point, and one without a value, has its own. None without such a column, and where a group has more points
+    than a catheter has electrodes.
+    """
+    values = next((values for name, values in columns.items() if _says(name, GROUP)), None)
+    if values is None:
+        return None
+    known = kinds == "eam"
+    known &= values != "" if values.dtype.kind in "US" else np.isfinite(values.astype(np.float64))
+    moments = np.arange(len(kinds)) + len(kinds)  # more than there are groups
+    _, moments[known], sizes = np.unique(values[known], return_inverse=True, return_counts=True)
+    return None if sizes.max(initial=0) > ELECTRODES else moments
+
+
+def _says(name: str, column: str) -> bool:
+    return name.strip().casefold() == column
 
 
 def order_of(columns: Mapping[str, NDArray[Any]], kinds: NDArray[np.str_]) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..case import Case, Points
+from ..columns import moments_of
 from ..evaluation.trusted_landmarks import trusted_pairs
 from ..geometry.similarity import rms_radius
 from .deform_parameters import DeformParameters
@@ -49,6 +50,7 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         typical_sigma=typical,
         duplicate_distance=near,
         order=points.taken,
+        moment=moments_of(points.columns, points.type),
         isolation=_isolation_factors(points, size),
     )
 

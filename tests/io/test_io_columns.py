@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from said import said_by
 from tiny import ball_case
 
 import o3dls
 from o3dls.adapters.objects import points_of
-from o3dls.columns import ALIASES, NAMES, meaning_of
+from o3dls.columns import ALIASES, NAMES, described, meaning_of, moments_of
 from o3dls.errors import InputError
 from o3dls.io.points import describe_columns, read_points_table
 from o3dls.io.surfaces import write_surface
@@ -184,3 +186,29 @@ def test_a_time_is_said_to_be_the_order_and_may_be_a_lat_on_demand(
     points = o3dls.read_case(tmp_path / "case").points
     assert points.columns["lat"].tolist() == [*range(len(XYZ))][::-1]
     assert points.taken.tolist() == [*range(len(XYZ))]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.array([7.0, 7.0, 3.0, np.nan, np.nan]), np.array(["b", "b", "a", "", ""])],
+)
+def test_points_of_a_group_share_their_moment(values: NDArray[Any]) -> None:
+    kinds = np.array(["eam", "eam", "eam", "eam", "landmark"])
+    found = moments_of({" Group": values}, kinds)
+    assert found is not None
+    assert found[0] == found[1]
+    assert len(np.unique(found)) == 4
+    assert moments_of({"grouping": values}, kinds) is None
+
+
+def test_a_group_of_more_points_than_a_catheter_has_electrodes_is_of_something_else() -> None:
+    kinds = np.full(130, "eam")
+    assert moments_of({"group": np.repeat([1.0, 2.0], 65)}, kinds) is None
+    assert moments_of({"group": np.repeat([1.0, 2.0, 3.0], [64, 64, 2])}, kinds) is not None
+    kinds[:2] = "landmark"  # which belong to no moment
+    assert moments_of({"group": np.repeat([1.0, 2.0], [66, 64])}, kinds) is not None
+
+
+def test_a_column_of_groups_is_said_to_be_used() -> None:
+    said = described("Group", "group", "i")
+    assert said == "taken as the moments of the points, where none has more than 64 of them"

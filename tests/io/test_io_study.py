@@ -584,6 +584,15 @@ def test_ensite_files_of_one_map_are_joined_by_the_number_of_the_point(tmp_path:
             read_study(tmp_path)
 
 
+def test_points_of_one_freeze_are_a_group(tmp_path: Path) -> None:
+    heads = "Freeze Grp #,P-P,P-P valid"
+    rows = ("1,1,2,3,1,4,0.3,1", "2,4,5,6,1,4,0.1,1", "3,7,8,9,1,5,0.2,1")
+    (tmp_path / "a.csv").write_text(numbered("PP_bi", heads, *rows))
+    found = read_study(tmp_path)
+    np.testing.assert_array_equal(found.points.columns["group"], [4.0, 4.0, 5.0])
+    assert found.columns["a.csv, Freeze Grp #"] == "taken as group"
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

@@ -100,6 +100,25 @@ def test_the_order_is_what_tells_and_may_be_a_column() -> None:
     assert apart.mean() < 0.15  # mm: outliers in runs are sought in the order of the file
 
 
+def test_groups_bring_back_a_part_of_a_lost_order() -> None:
+    found = 0
+    for seed in (5_000, 5_100, 5_200):
+        surface, _, points, _ = mapped(seed=seed)
+        mixed = np.random.default_rng(1).permutation(COUNT)
+        assert fit_with_drift(fitted(surface, points[mixed])) is None
+        found += fit_with_drift(fitted(surface, points[mixed], moment=mixed // GROUP)) is not None
+    assert found == 3
+
+
+def test_groups_in_order_change_nothing() -> None:
+    data = wall(mapped()[2])
+    together = replace(data, moment=np.arange(COUNT) // GROUP)
+    np.testing.assert_array_equal(together.place_in_order, data.place_in_order)
+    assert together.at(np.array([5, 0, 90])).place_in_order.tolist() == [0.0, 1.0, 2.0]
+    torn = replace(data.at(slice(4)), moment=np.array([0, 1, 0, 2]))
+    assert torn.place_in_order.tolist() == [0.0, 2.0, 1.0, 3.0]
+
+
 def test_few_points_are_not_asked() -> None:
     surface, _, points, _ = mapped(count=50)
     assert fit_with_drift(fitted(surface, points)) is None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...case import Points
+from ...columns import GROUP
 from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
 from ..text import cells_of, check_numbers, decode, is_missing
@@ -26,6 +27,7 @@ VALUES = {
     "LAT": ("LAT", "adjTime (ms)"),
 }
 NUMBER = "(Point #)"
+MOMENT = "Freeze Grp #"  # points of all electrodes that were taken when the operator froze the signals
 LESION_XYZ = (("x", "y", "z"), ("X", "Y", "Z"))
 LESION_VALUES = {
     "Avg Contact Force (g)": "force",
@@ -137,6 +139,8 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
         columns[NUMBER] = export.numbers(NUMBER)
     if "force (g)" in export.header:
         columns["force"] = export.numbers("force (g)")
+    if MOMENT in export.header:
+        columns[GROUP] = export.numbers(MOMENT)
     columns = {name: values[used] for name, values in columns.items()}
     return Points(xyz, np.full(len(xyz), "eam"), columns), export.preamble
 

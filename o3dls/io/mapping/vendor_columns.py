@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...columns import GROUP
 from ..matlab import mat, openep
 from ..text import decode
 from . import ensite, ensite_rows
@@ -53,6 +54,7 @@ def columns_of_ensite(path: Path, data: bytes) -> dict[str, str]:
         export = ensite.parse(path, data, tuple(PLACED))
         became = {theirs: f"taken as {ours}" for theirs, ours in PLACED.items()}
         became |= {"force (g)": "taken as force", ensite.NUMBER: JOINS, "utilized": DECIDES}
+        became |= {ensite.MOMENT: f"taken as {GROUP}"}
         if (found := ensite.map_column(export)) is not None:
             theirs, ours = found
             became |= {

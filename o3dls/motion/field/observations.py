@@ -24,7 +24,8 @@ class Data:
     mapping: rows of the mapping points of the case, of which those at one place are one row;
     duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
     the `sigma` that relative noise is relative to, where points have one; order (n,): when each point was
-    taken, if not as they come; isolation (n,): factors on the odds of floating by the other points.
+    taken, if not as they come; moment (n,): a number that points share which a catheter took at once;
+    isolation (n,): factors on the odds of floating by the other points.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -41,6 +42,7 @@ class Data:
     typical_sigma: float | None = None
     duplicate_distance: float = 0.0
     order: Array | None = None
+    moment: Ints | None = None
     isolation: Array | None = None
 
     @property
@@ -50,11 +52,17 @@ class Data:
 
     @property
     def place_in_order(self) -> Array:
-        """Place (n,) of each point in the order in which they were taken."""
+        """Place (n,) of each point in the order in which they were taken, where those of one moment stand
+        together.
+        """
         count = len(self.points)
         places = np.arange(float(count))
         if self.order is not None:
             places[np.argsort(self.order, kind="stable")] = np.arange(float(count))
+        if self.moment is not None:
+            moment = np.unique(self.moment, return_inverse=True)[1]
+            middle = np.bincount(moment, places) / np.bincount(moment)
+            places[np.lexsort((places, moment, middle[moment]))] = np.arange(float(count))
         return places
 
     @property
@@ -72,7 +80,8 @@ class Data:
 
     def at(self, which: slice | Ints) -> Data:
         """Return some of the points and all of the landmarks."""
-        known = [name for name in (*self.PER_POINT, "order", "isolation") if getattr(self, name) is not None]
+        further = "order", "moment", "isolation"
+        known = [name for name in (*self.PER_POINT, *further) if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[which] for name in known})
 
     def differs(self, other: Data) -> NDArray[np.bool_]:
