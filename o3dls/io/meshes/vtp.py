@@ -36,19 +36,19 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a VTP or VTU file; pieces are joined, polygons become triangles, solids their boundary, cell
     data are carried to the points. Raises InputError naming the array that does not fit.
     """
-    vertices, cells, on_points, on_cells, notes = _parse(path, data)
+    vertices, cells, on_points, on_cells, notes = parse(path, data)
     space, units = notes["SPACE"], notes["UNITS"]
     return surface_of(path, vertices, cells, on_points, on_cells, space=space, units=units)
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:
     """Decode the points of a VTP or VTU file with their values. Raises InputError."""
-    vertices, cells, on_points, _, notes = _parse(path, data)
+    vertices, cells, on_points, _, notes = parse(path, data)
     space, units = notes["SPACE"] or "unknown", (notes["UNITS"] or "unknown").lower()
     return Cloud(vertices, on_points, space, units, cells.faces)
 
 
-def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[str, str | None]]:
+def parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[str, str | None]]:
     """Return points, cells, values of both, and what is stated of frame and units."""
     root, appended = open_xml(path, data)
     kind = root.get("type")

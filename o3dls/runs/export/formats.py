@@ -23,6 +23,7 @@ FormatName = Literal[
     "tfm",
     "txt",
     "csv",
+    "itk",
 ]
 FrameName = Literal["LPS", "RAS"]
 SUFFIXES = {
@@ -36,6 +37,7 @@ SUFFIXES = {
     "mask_nrrd": "mask.nrrd",
     "mask_nifti": "mask.nii.gz",
     "csv": "points.csv",
+    "itk": "to_map.h5",
 }
 NO_SURFACE = {
     "phi_nrrd": (".nrrd",),
@@ -45,10 +47,12 @@ NO_SURFACE = {
     "tfm": (".tfm",),
     "txt": (".txt",),
     "csv": (".csv",),
+    "itk": (".h5", ".tfm"),
 }
 # the others are in one unit by definition, or by the custom of those who read them
 IN_ANY_UNITS = ("ply", "stl", "obj", "off", "vtk", "vtp", "csv")
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
+BETWEEN = ("itk",)  # formats that hold both sides, the map and the prior's image, in LPS
 
 
 def file_name(estimate: str, format: str, on: str = "map") -> str:
