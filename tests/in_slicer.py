@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +43,14 @@ def moved(fill: Any, points: np.ndarray) -> np.ndarray:
 
 def scene(file: str, folder: str, out: str) -> None:
     """Open a bundle, and say what each of its nodes is; places are in the world's RAS."""
+    with zipfile.ZipFile(file) as bundle:
+        bundle.extractall(folder)
+    (mrml,) = Path(folder).glob("*/*.mrml")
     opened = slicer_core.vtkMRMLScene()
-    opened.SetRootDirectory(folder)
-    assert opened.ReadFromMRB(file, False), file
+    opened.RegisterNodeClass(slicer_core.vtkMRMLMarkupsJsonStorageNode())  # as the application does
+    opened.SetURL(str(mrml))
+    opened.SetRootDirectory(str(mrml.parent))
+    assert opened.Import(), opened.GetErrorMessage()
     found = {}
     for k in range(opened.GetNumberOfNodes()):
         node = opened.GetNthNode(k)
@@ -108,7 +114,7 @@ def of_volume(node: Any) -> dict[str, Any]:
     image = node.GetImageData()
     values = vtk_to_numpy(image.GetPointData().GetScalars())
     return {
-        "affine": [[matrix.GetElement(i, j) for j in range(4)] for i in range(4)],
+        "affine": entries_of(matrix),
         "shape": list(image.GetDimensions()),
         "sum": float(values.sum()),
         "largest": float(values.max()),
@@ -116,7 +122,15 @@ def of_volume(node: Any) -> dict[str, Any]:
 
 
 def of_transform(node: Any) -> dict[str, Any]:
-    return {"linear": bool(node.IsLinear())}
+    if not node.IsLinear():
+        return {"linear": False}
+    matrix = vtk.vtkMatrix4x4()
+    node.GetMatrixTransformToParent(matrix)
+    return {"linear": True, "matrix": entries_of(matrix)}
+
+
+def entries_of(matrix: Any) -> list[list[float]]:
+    return [[matrix.GetElement(i, j) for j in range(4)] for i in range(4)]
 
 
 def of_colours(node: Any) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     default="ply",
     show_default=True,
     shell_complete=completion.formats,
-    help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm, itk",
+    help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm, itk, mrb",
 )
 @click.option("--estimate", shell_complete=completion.estimates, help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
@@ -64,9 +64,10 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     help="on the map, or on the prior's own surface in its own frame: the patient's image",
 )
 @click.option(
-    "--spacing", type=float, help="phi, mask, itk: size of a voxel, distance of nodes; default: 1 mm"
+    "--spacing", type=float, help="phi, mask, itk, mrb: size of a voxel, distance of nodes; default: 1 mm"
 )
 @click.option("--grid", type=FILE, help="mask: image whose voxels it takes, such as the prior's")
+@click.option("--image", type=FILE, help="mrb: grey image of the prior; default: the case's, if it names one")
 @click.option("--frame", help="frame to write in, LPS or RAS; default: that of the map or the prior")
 @click.option("--field", help="carto_vtk: the field that becomes its one scalar")
 @click.option("--vmin", type=float, help="carto_vtk: value at the lower end of the colours")

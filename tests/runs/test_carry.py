@@ -22,7 +22,7 @@ from o3dls.io.surfaces import read_surface_file, write_surface
 from o3dls.io.table import write_table
 from o3dls.runs.export.way import way_of
 from o3dls.runs.folder import read_run
-from tests.oblique import AFFINE, SHAPE, Smooth, chamber, image, oblique_run, turn_of, write_image
+from tests.oblique_motion import AFFINE, SHAPE, Smooth, chamber, image, oblique_run, turn_of, write_image
 from tests.tiny import disc_case
 
 WALL = 0.02  # mm: what a field that is held at some places of the wall misses at others

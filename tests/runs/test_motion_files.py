@@ -19,7 +19,7 @@ from o3dls.motion.off_wall.inverse import fixed_point
 from o3dls.runs.export.finished import export_run
 from o3dls.runs.export.placed import recorded
 from o3dls.runs.export.writer import Export
-from tests.oblique import MIDDLE, Smooth, chamber, oblique_run, turn_of
+from tests.oblique_motion import MIDDLE, Smooth, chamber, oblique_run, turn_of
 
 WALL = 0.02  # mm: by how much a file may miss the motion on the wall, at the default spacing of 1 mm
 INVERSE = 0.05  # mm, there and back

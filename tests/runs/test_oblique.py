@@ -20,7 +20,16 @@ from o3dls.io.surfaces import read_surface_file
 from o3dls.io.transforms import read_transform
 from o3dls.runs.export.finished import export_run
 from o3dls.runs.export.formats import BETWEEN, file_name
-from tests.oblique import AFFINE, Smooth, chamber, image, oblique_case, oblique_run, turn_of, write_image
+from tests.oblique_motion import (
+    AFFINE,
+    Smooth,
+    chamber,
+    image,
+    oblique_case,
+    oblique_run,
+    turn_of,
+    write_image,
+)
 
 SURFACES = ("ply", "stl", "obj", "off", "vtk", "vtp", "carto_mesh", "openep", "opencarp", "carto_vtk", "dif")
 VOLUMES = ("phi_nrrd", "phi_nifti", "mask_nrrd", "mask_nifti")

@@ -9,7 +9,7 @@ import pytest
 
 from o3dls.geometry.similarity import apply
 from o3dls.runs.export.finished import export_run
-from tests.oblique import Smooth, chamber, oblique_run, turn_of
+from tests.oblique_motion import Smooth, chamber, oblique_run, turn_of
 from tests.slicer import moved_by_slicer, slicer_python
 
 WALL = 0.02  # mm: by how much a file may miss the motion on the wall, at the default spacing of 1 mm

@@ -24,6 +24,7 @@ FormatName = Literal[
     "txt",
     "csv",
     "itk",
+    "mrb",
 ]
 FrameName = Literal["LPS", "RAS"]
 SUFFIXES = {
@@ -48,11 +49,12 @@ NO_SURFACE = {
     "txt": (".txt",),
     "csv": (".csv",),
     "itk": (".h5", ".tfm"),
+    "mrb": (".mrb",),
 }
 # the others are in one unit by definition, or by the custom of those who read them
 IN_ANY_UNITS = ("ply", "stl", "obj", "off", "vtk", "vtp", "csv")
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
-BETWEEN = ("itk",)  # formats that hold both sides, the map and the prior's image, in LPS
+BETWEEN = ("itk", "mrb")  # formats that hold both sides, the map and the prior's image, in LPS
 
 
 def file_name(estimate: str, format: str, on: str = "map") -> str:

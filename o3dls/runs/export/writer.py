@@ -61,11 +61,15 @@ class Export(Writer):
     spacing: float = Field(
         default=1.0,
         ge=FINEST,
-        description="phi, mask and itk: size of a voxel, distance of nodes",
+        description="phi, mask, itk and mrb: size of a voxel, distance of nodes",
         json_schema_extra={"unit": "mm"},
     )
     grid: Path | None = Field(
         default=None, description="mask: image whose voxels it takes, with the wall labelled apart"
+    )
+
+    image: Path | None = Field(
+        default=None, description="mrb: grey image of the prior; default: that of the case, if it names one"
     )
 
     @model_validator(mode="after")
@@ -90,6 +94,8 @@ class Export(Writer):
             raise PipelineError(
                 f"export: grid belongs to the formats mask_nrrd and mask_nifti, not {self.format}"
             )
+        if self.image is not None and self.format != "mrb":
+            raise PipelineError(f"export: image belongs to the format mrb, not {self.format}")
         if self.format in BETWEEN and (self.on, self.frame) != ("map", None):
             raise PipelineError(f"export: {self.format} holds both map and prior, in LPS; omit on and frame")
         if self.field is None and self.vmin is not None:
@@ -108,6 +114,8 @@ class Export(Writer):
         """Say what of the grid or the spacing is wrong; the result is taken to be about as large as the
         prior.
         """
+        if self.image is not None and not self.image.is_file():
+            return f"image = '{self.image}': no such file"
         if self.grid is not None:
             return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
@@ -141,7 +149,7 @@ class Export(Writer):
         The facts are frame, units, pose and meaning of values. within: as for `staged_file`.
         """
         if self.format in BETWEEN:
-            write_between(run, name, self.format, self.spacing, path, within)
+            write_between(run, name, self.format, path, spacing=self.spacing, image=self.image, within=within)
             return
         # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
