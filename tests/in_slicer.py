@@ -3,12 +3,15 @@ own runs it, and it imports nothing of ours:
 
     python in_slicer.py transform FILE IN.npz OUT.npz
     python in_slicer.py scene FILE.mrb FOLDER OUT.json
+    python in_slicer.py case MODULE GIVEN.npz FOLDER
+    python in_slicer.py module MODULE GIVEN.npz FOLDER PYTHON
 """
 
 from __future__ import annotations
 
 import json
 import sys
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -156,5 +159,147 @@ KINDS = {
     "vtkMRMLColorNode": of_colours,
 }
 
+
+def scene_of(given: str) -> tuple[Any, dict[str, Any]]:
+    """Return a scene with nodes of each kind that the module takes, from arrays in RAS; and these by name."""
+    arrays = np.load(given)
+    opened = slicer_core.vtkMRMLScene()
+    nodes = {
+        name: opened.AddNewNodeByClass(f"vtkMRML{kind}Node", name)
+        for name, kind in (
+            ("shift", "LinearTransform"),
+            ("model", "Model"),
+            ("segmentation", "Segmentation"),
+            ("points", "MarkupsFiducial"),
+            ("sites", "MarkupsFiducial"),
+            ("on_prior", "MarkupsFiducial"),
+            ("on_map", "MarkupsFiducial"),
+            ("table", "Table"),
+            ("map", "Model"),
+        )
+    }
+    matrix = vtk.vtkMatrix4x4()
+    matrix.DeepCopy(arrays["shift"].ravel())
+    nodes["shift"].SetMatrixTransformToParent(matrix)
+    mesh = mesh_of(arrays["vertices"], arrays["faces"])
+    nodes["model"].SetAndObservePolyData(mesh)
+    nodes["model"].SetAndObserveTransformNodeID(nodes["shift"].GetID())
+    voltage = vtk.vtkDoubleArray()
+    voltage.SetName("Bipolar")
+    for value in arrays["bipolar"]:
+        voltage.InsertNextValue(value)
+    shell = mesh_of(arrays["points"], np.zeros((0, 3), dtype=int))
+    shell.GetPointData().AddArray(voltage)
+    nodes["map"].SetAndObservePolyData(shell)
+    add_segment(nodes["segmentation"], arrays["labels"], arrays["affine"])
+    for k, (place, bipolar) in enumerate(zip(arrays["points"], arrays["bipolar"], strict=True)):
+        row = nodes["points"].AddControlPoint(place.tolist(), f"Point # {k} in 1-LA")
+        # as SlicerHeart describes it
+        nodes["points"].SetNthControlPointDescription(row, f"Bipolar {bipolar} / Unipolar 2.5 / LAT -10000.0")
+    for name in ("sites", "on_prior", "on_map"):
+        for k, place in enumerate(arrays[name]):
+            nodes[name].AddControlPoint(place.tolist(), f"mark {k}")
+    table = nodes["table"].GetTable()
+    for name, column in zip("XYZ", arrays["points"].T, strict=True):
+        values = vtk.vtkDoubleArray()
+        values.SetName(name)
+        for value in column:
+            values.InsertNextValue(value)
+        table.AddColumn(values)
+    return opened, nodes
+
+
+def mesh_of(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    points, cells, mesh = vtk.vtkPoints(), vtk.vtkCellArray(), vtk.vtkPolyData()
+    points.SetDataTypeToDouble()
+    for vertex in vertices.tolist():
+        points.InsertNextPoint(vertex)
+    for face in faces.tolist():
+        cells.InsertNextCell(3, face)
+    mesh.SetPoints(points)
+    mesh.SetPolys(cells)
+    return mesh
+
+
+def add_segment(node: Any, labels: np.ndarray, affine: np.ndarray) -> None:
+    """Add labels (nx, ny, nz) as a segment of the label 2."""
+    image, matrix = slicer_core.vtkOrientedImageData(), vtk.vtkMatrix4x4()
+    matrix.DeepCopy(affine.ravel())
+    image.SetDimensions(*labels.shape)
+    image.AllocateScalars(vtk.VTK_UNSIGNED_CHAR, 1)
+    vtk_to_numpy(image.GetPointData().GetScalars())[:] = labels.ravel(order="F")
+    image.SetImageToWorldMatrix(matrix)
+    segment = slicer_core.vtkSegment()
+    segment.SetName("LA")
+    segment.SetLabelValue(2)
+    segment.AddRepresentation("Binary labelmap", image)
+    node.GetSegmentation().AddSegment(segment, "LA")
+
+
+def case(module: str, given: str, folder: str) -> None:
+    """Write the cases that the module makes of nodes of each kind."""
+    sys.path.insert(0, module)
+    from o3dls_slicer.case import Chosen, InputError, write_case
+
+    opened, nodes = scene_of(given)  # nodes know each other as long as their scene is there
+    marks = [nodes[name] for name in ("sites", "on_prior", "on_map")]
+    out = Path(folder)
+    write_case(out / "model", Chosen(nodes["model"], nodes["points"], "", *marks))
+    write_case(out / "segment", Chosen(nodes["segmentation"], nodes["table"], "LA"))
+    write_case(out / "map", Chosen(nodes["segmentation"], nodes["map"], "LA"))
+    said = []
+    wrong = (
+        Chosen(None, nodes["points"]),
+        Chosen(nodes["model"], None),
+        Chosen(nodes["segmentation"], nodes["points"], "none"),
+        Chosen(nodes["model"], nodes["shift"]),
+    )
+    for k, chosen in enumerate(wrong):
+        try:
+            write_case(out / f"wrong{k}", chosen)
+        except InputError as error:
+            said.append(str(error))
+    (out / "said.json").write_text(json.dumps(said))
+    assert opened.GetNumberOfNodes() >= len(nodes)
+
+
+def module(path: str, given: str, folder: str, python: str) -> None:
+    """Do all that the panel does: a case of nodes, the run, and its scene beside the nodes."""
+    sys.path.insert(0, path)
+    from o3dls_slicer.case import Chosen, write_case
+    from o3dls_slicer.job import Job, commands, find_python
+    from o3dls_slicer.job import scene_of as bundle_of
+    from o3dls_slicer.result import load_scene
+
+    opened, nodes = scene_of(given)
+    opened.RegisterNodeClass(slicer_core.vtkMRMLMarkupsJsonStorageNode())
+    opened.SetURL("/the/users/scene.mrml")
+    out = Path(folder)
+    marks = [nodes[name] for name in ("sites", "on_prior", "on_map")]
+    write_case(out / "case", Chosen(nodes["segmentation"], nodes["points"], "LA", *marks))
+    found, version = find_python(python, {"PATH": ""})
+    # what Slicer sets for its own Python would break another
+    environment = {"PATH": "/usr/bin:/bin", "PYTHONHOME": "/none", "PYTHONPATH": "/none", "HOME": str(out)}
+    job = Job(commands(found, out / "case", out / "run"), environment)
+    lines = []
+    while job.running:
+        lines += job.lines()
+        time.sleep(0.05)
+    lines += job.lines()
+    loaded = [] if job.failure else load_scene(opened, bundle_of(out / "run"), out / "scene")
+    about = {
+        "version": version,
+        "lines": lines,
+        "failure": job.failure,
+        "valid": job.valid,
+        "url": opened.GetURL(),
+        "loaded": {node.GetName(): describe(node) for node in loaded},
+        "kept": nodes["points"].GetNumberOfControlPoints(),
+    }
+    (out / "about.json").write_text(json.dumps(about))
+
+
+DOORS = {"transform": transform, "scene": scene, "case": case, "module": module}
+
 if __name__ == "__main__":
-    {"transform": transform, "scene": scene}[sys.argv[1]](*sys.argv[2:])
+    DOORS[sys.argv[1]](*sys.argv[2:])
