@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,10 @@ from o3dls.errors import InputError, PipelineError
 from o3dls.geometry.similarity import apply, inverse
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
+from o3dls.io.scenes.mrml import Scene
 from o3dls.quantities import VOLTAGES
 from o3dls.runs.export.finished import export_run
+from o3dls.runs.export.scene import _add_image
 from o3dls.runs.export.writer import Export
 from tests.oblique_motion import AFFINE, NAMES, Smooth, chamber, image, oblique_case, oblique_run, turn_of
 from tests.slicer import in_slicer, slicer_python
@@ -150,6 +153,22 @@ def test_an_image_is_checked(tmp_path: Path) -> None:
         export_run(folder, tmp_path / "a.mrb", format="mrb", image=tmp_path / "no.nrrd", spacing=4.0)
     with pytest.raises(PipelineError, match="belongs to the format mrb"):
         Export(format="itk", image=tmp_path / "none.nrrd")
+
+
+def test_the_image_of_a_case_comes_with_it_or_is_said_to_be_missing(tmp_path: Path) -> None:
+    picture = grey(tmp_path / "grey.nrrd", "LPS")
+    case: Any = SimpleNamespace(image={"path": str(picture)})
+    there, gone = (Scene(tmp_path / name) for name in ("there", "gone"))
+    for scene in (there, gone):
+        scene.folder.mkdir()
+    assert _add_image(there, case, None) == []
+    assert [node["name"] for node in there.nodes.values()] == ["image"]
+    picture.unlink()
+    (said,) = _add_image(gone, case, None)
+    assert said.startswith("the image of the case is left out: ")
+    assert gone.nodes == {}
+    with pytest.raises(InputError):
+        _add_image(gone, case, picture)
 
 
 def test_voltages_have_the_limits_of_the_report() -> None:

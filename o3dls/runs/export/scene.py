@@ -42,25 +42,40 @@ def write_scene(path: Path, run: Run, name: str, spacing: float, image: Path | N
     with tempfile.TemporaryDirectory() as folder:
         scene = Scene(Path(folder))
         motion = None if motion_mistake(run, name) else motion_on_grid(run, name, spacing)
-        _fill_scene(scene, run, name, motion, image_of(run.case, image))
+        said = _add_image(scene, run.case, image)
+        _fill_scene(scene, run, name, motion)
         path.write_bytes(scene.bundle(path.stem))
     facts: dict[str, Any] = {"nodes": list(scene.nodes.values()), "world": PLACED}
     if motion is None:
-        return Written(facts, ["the estimate has no motion but its pose, and so has the scene"], [])
-    return Written(facts | motion.facts(), motion.sentences(), motion.failures())
+        return Written(facts, [*said, "the estimate has no motion but its pose, and so has the scene"], [])
+    return Written(facts | motion.facts(), said + motion.sentences(), motion.failures())
 
 
-def image_of(case: Case, given: Path | None) -> Path | None:
-    """Return the grey image of a prior: the one that is given, else that of the case, if it names one."""
+def image_of(case: Case) -> Path | None:
+    """Return the grey image that a case names, if it names one."""
     named = getattr(case, "image", {}).get("path")
-    return given or (Path(named) if named else None)
+    return Path(named) if named else None
 
 
-def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None, image: Path | None) -> None:
+def _add_image(scene: Scene, case: Case, given: Path | None) -> list[str]:
+    """Add the grey image of the prior: the one that is given, else that of the case, which may have been
+    moved since: then a sentence says so. Raises InputError for one that is given and cannot be read.
+    """
+    path = given or image_of(case)
+    if path is None:
+        return []
+    try:
+        scene.add_volume("image", *_read_image(path))
+    except InputError as error:
+        if given:
+            raise
+        return [f"the image of the case is left out: {error}"]
+    return []
+
+
+def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None) -> None:
     case, estimate = run.case, run.estimates[name]
     turn, turn_map, pose = lps_pose(case, estimate)
-    if image is not None:
-        scene.add_volume("image", *_read_image(image))
     on_prior = placed(run, name, estimate.surface, "prior").surface.transformed(turn)
     on_map = placed(run, name, estimate.surface, "map")
     result = on_map.surface.transformed(turn_map)
