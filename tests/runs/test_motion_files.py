@@ -132,6 +132,21 @@ def test_what_folds_is_named_and_marked(tmp_path: Path, caplog: pytest.LogCaptur
     assert "known is 0" in caplog.text
 
 
+def test_what_no_field_follows_is_in_the_deviation_and_said() -> None:
+    run = oblique_run()
+    motion = recorded(run.case, run.estimates["moved"])
+    assert off_wall(motion).not_followed == ""
+    needles = np.arange(0, len(motion.moved.vertices), 40)
+    vertices = motion.moved.vertices.copy()
+    vertices[needles] += 3.0 * motion.moved.vertex_normals[needles]
+    torn = off_wall(replace(motion, moved=motion.moved.with_vertices(vertices)))
+    assert "THE WALL MOVED AS NO FIELD IN SPACE DOES" in torn.not_followed
+    wall = motion.prior.vertices
+    miss = np.linalg.norm(torn(wall) - vertices, axis=1)
+    assert miss[needles].max() > 0.5
+    np.testing.assert_allclose(torn.sd(wall), np.hypot(0.7, miss), atol=0.05)
+
+
 def test_a_fixed_point_says_where_it_misses() -> None:
     def strong(at: Array) -> Array:
         return np.where(at[:, :1] > 0, -1.5, 0.2) * at

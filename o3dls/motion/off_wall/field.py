@@ -11,7 +11,7 @@ away only the similarity is left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -97,6 +97,31 @@ class OffWall:
         return np.asarray((t * t * (3.0 - 2.0 * t)).prod(axis=1))
 
     @cached_property
+    def missed(self) -> Array:
+        """By how much (n,) the field misses each vertex of the wall, in units of the map: more than rounding
+        where the wall moved as no space around it can, as where it folds.
+        """
+        found = self(self.motion.prior.vertices)
+        return np.asarray(np.linalg.norm(found - self.motion.moved.vertices, axis=1))
+
+    @property
+    def not_followed(self) -> str:
+        """A sentence where the field does not follow the wall; empty where it does."""
+        some = float(np.percentile(self.missed, SETTINGS.counted))
+        if some <= SETTINGS.followed:
+            return ""
+        return (
+            f"THE WALL MOVED AS NO FIELD IN SPACE DOES: the field misses it by {some:.2g} mm or more at "
+            f"{100 - SETTINGS.counted:g} % of the vertices, at most by {self.missed.max():.2g} mm; that is "
+            "in the deviation. Look at the warnings of the run; surfaces and points on the wall go by "
+            "o3dls export --on"
+        )
+
+    @cached_property
+    def _missed_around(self) -> RecordedMotion:
+        return replace(self.motion, deviation=self.missed)
+
+    @cached_property
     def box(self) -> tuple[Array, Array]:
         """The corners (3,) of the box outside of which the field is 0."""
         vertices = self.motion.prior.vertices
@@ -112,7 +137,7 @@ class OffWall:
 
     def _beyond(self, points: Array) -> Array:
         """Return the variance (n,) beyond that of the wall, in units of the map: what the wall leaves of the
-        field's, and what the window takes off.
+        field's, what the window takes off, and by how much the field misses the wall nearby.
         """
         explained = np.concatenate(
             [np.zeros(0)]
@@ -121,9 +146,10 @@ class OffWall:
                 for k in range(0, len(points), SETTINGS.at_once)
             ]
         )
+        missed = self._missed_around.sd(points, self.motion.prior.vertices)
         taken_off = (1.0 - self.window(points)) * np.linalg.norm(self._unwindowed(points), axis=1)
         beyond = (1.0 - explained) * self.amplitude**2 + taken_off**2
-        return np.asarray(beyond * scale_of(self.T_map_prior) ** 2)
+        return np.asarray(beyond * scale_of(self.T_map_prior) ** 2 + missed**2)
 
     def _explained(self, points: Array) -> Array:
         crossed = _covariance(self.nodes, points, self.lengths, self.variances)

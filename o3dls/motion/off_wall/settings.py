@@ -28,6 +28,10 @@ class OffWallSettings:
         "variances",
         "parts of the motion that a smooth field may leave, as of a rough prior: the likeliest is taken",
     )
+    counted: float = number(99.0, "%", "share of the wall that must be followed: needles of a prior are not")
+    followed: float = number(
+        0.1, "mm", "distance by which the field may miss that share: more is no rounding, but a fold"
+    )
     known: float = number(
         0.5,
         "1",

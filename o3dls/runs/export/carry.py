@@ -80,10 +80,12 @@ def carry(
         raise InputError(f"{path}: {source.name} is carried as {' or '.join(_endings(kind))}")
     check_not_of_a_run(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    way = way_of(run, name, to)
     with staged_files(path, None if out else Path(folder)) as staged:
-        carried = write(source, staged, way_of(run, name, to), units, frame)
+        carried = write(source, staged, way, units, frame)
     log_sentences(path, carried.sentences())
-    log_sentences(path, carried.failures(), logging.WARNING)
+    doubts = [way.field.not_followed] if way.field.not_followed else []
+    log_sentences(path, doubts + carried.failures(), logging.WARNING)
     return path
 
 

@@ -77,16 +77,18 @@ class MotionOnGrid:
         ]
 
     def failures(self) -> list[str]:
-        """Return a sentence on where the motion has no inverse, if there is such a place."""
+        """Return sentences on where the motion has no inverse, and whether it is that of no field."""
+        said = [self.field.not_followed] if self.field.not_followed else []
         failed = self.grid.failed
         if not failed.any():
-            return []
+            return said
         places = self.grid.there.nodes[failed]
         folded = int((self.grid.there.folded & failed).sum())
         middle = ", ".join(f"{value:.0f}" for value in np.median(places, axis=0))
         return [
+            *said,
             f"WITHOUT INVERSE at {len(places)} nodes ({folded} where the motion folds) around LPS ({middle}) "
-            "mm of the image: there the inverse file is wrong, and the volume of what is known is 0"
+            "mm of the image: there the inverse file is wrong, and the volume of what is known is 0",
         ]
 
 
