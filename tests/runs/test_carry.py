@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +127,37 @@ def test_a_fold_is_named_and_marked(tmp_path: Path, caplog: pytest.LogCaptureFix
     assert 0 < folded.sum() < len(folded)
     np.testing.assert_array_equal(fields["motion_known"][folded], 0.0)
     assert f"FOLDS OR HAS NO INVERSE at {folded.sum()} places" in caplog.text
+
+
+def test_the_command_does_what_the_function_does(run: Path, tmp_path: Path) -> None:
+    write_surface(tmp_path / "a.ply", chamber(), space="LPS")
+    command = [sys.executable, "-m", "o3dls", "carry", str(run), "a.ply", "--to", "map", "--out", "b.vtp"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "b.vtp\n"
+    assert "places, of which the wall tells" in done.stderr
+    again = carry(run, tmp_path / "a.ply", "map", tmp_path / "c.vtp")
+    assert again.read_bytes() == (tmp_path / "b.vtp").read_bytes()
+    wrong = subprocess.run(
+        [*command[:-3], "prior"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert wrong.returncode == 2
+    assert "'prior' is not one of 'map', 'image'" in wrong.stderr
+
+
+def test_one_point_alone_and_several_lists_stay_what_they_are(run: Path, tmp_path: Path) -> None:
+    at = chamber().vertices[7:10]
+    lists = [
+        {
+            "type": "Line",
+            "controlPoints": [{"label": "a", "position": at[0].tolist()}, {"position": at[1].tolist()}],
+        },
+        {"type": "Fiducial", "controlPoints": {"label": "one", "position": at[2].tolist()}},
+    ]
+    (tmp_path / "a.mrk.json").write_text(json.dumps({"markups": lists}))
+    path = carry(run, tmp_path / "a.mrk.json", "map", tmp_path / "b.mrk.json")
+    written = json.loads(path.read_text())["markups"]
+    assert [(part["type"], len(part["controlPoints"])) for part in written] == [("Line", 2), ("Fiducial", 1)]
+    np.testing.assert_allclose(read_markups(path).xyz, Smooth("LPS", "LPS")(at), atol=WALL)
 
 
 def test_what_cannot_be_carried_is_said(run: Path, tmp_path: Path) -> None:

@@ -116,10 +116,9 @@ def _complete_markups(source: Path, target: Path, found: Carried) -> None:
         point["description"] = f"sd {sd:.2f} mm" + ("" if known else ", not known")
     lists = tree.get("markups") if isinstance(tree, dict) else None
     if isinstance(lists, list):
-        counts = [
-            sum(one.get("positionStatus", "defined") == "defined" for one in part.get("controlPoints", []))
-            for part in lists
-        ]
+        given = [part.get("controlPoints", []) for part in lists]
+        placed = [one if isinstance(one, list) else [one] for one in given]  # as the reader takes them
+        counts = [sum(one.get("positionStatus", "defined") == "defined" for one in part) for part in placed]
         ends = np.cumsum(counts)
         written["markups"] = [
             {**item, "type": part.get("type", "Fiducial"), "controlPoints": points[end - count : end]}
