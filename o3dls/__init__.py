@@ -34,6 +34,7 @@ PUBLIC = {
     "write_points": "io.points",
     "import_study": "io.mapping.study_import",
     "convert": "runs.conversion",
+    "carry": "runs.export.carry",
     "Pipeline": "pipeline.pipeline",
     "read_pipeline": "pipeline.file",
     "default_pipeline": "pipeline.file",

@@ -33,6 +33,7 @@ from .plugins.stage import Stage as Stage
 from .report.writer import Report as Report
 from .run_warning import RunWarning as RunWarning
 from .runs.conversion import convert as convert
+from .runs.export.carry import carry as carry
 from .runs.export.writer import Export as Export
 from .runs.folder import read_run as read_run
 from .runs.run import Run as Run

@@ -34,6 +34,9 @@ LARGEST = 1e30  # the largest single and double floats, and infinity, stand for 
 NAMED = 5  # rows with a wrong value that a sentence names
 
 
+VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A quantity has a unit, and the least and the largest value that it can have."""

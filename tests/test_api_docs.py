@@ -16,7 +16,7 @@ from o3dls.resources import demo_case
 from tests.io.test_io_study import carto_folder
 
 FUNCTIONS = [name for name in o3dls.PUBLIC if inspect.isfunction(getattr(o3dls, name))]
-NEED_A_RUN = ("read_run", "suggest")
+NEED_A_RUN = ("carry", "read_run", "suggest")
 PIPELINE = """\
 [[stage]]
 use = "landmarks"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from test_packaging import PROJECT
 
 from tests.browser import chromium
 
@@ -89,6 +90,21 @@ def test_the_tests_run_in_two_processes_and_take_arguments(clone: Path) -> None:
     assert (clone / "calls").read_text().splitlines()[-1] == f"-m pytest {options} -m not slow -k two words"
     assert dev(clone, "test", "--all", "-x").returncode == 0
     assert (clone / "calls").read_text().splitlines()[-1] == f"-m pytest {options} -x"
+
+
+def test_all_tests_look_for_the_libraries_of_slicer(clone: Path) -> None:
+    (clone / "browser").touch()
+    assert "slicer" not in dev(clone, "test").stderr
+    done = dev(clone, "test", "--all")
+    assert done.returncode == 0
+    assert "slicer-core has no wheel for this Python or system: its tests will be skipped" in done.stderr
+    script(clone / ".dev/slicer/bin/python", '#!/bin/sh\necho "slicer $@" >>calls\n')
+    assert "skipped" not in dev(clone, "test", "--all").stderr
+    install = "slicer -m pip install -q --only-binary :all: slicer-core>=5.13"
+    assert (clone / "calls").read_text().splitlines().count(install) == 1
+    assert "slicer" not in dev(clone, "test", "--all").stderr  # it is there
+    (wanted,) = PROJECT["project"]["optional-dependencies"]["slicer-test"]
+    assert wanted.split(";")[0] == install.split()[-1]
 
 
 def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> None:

@@ -64,10 +64,11 @@ ROOMS = {
         "matlab/",
         ".",  # surfaces, which chooses among them; transforms; the case
         "mapping/",
+        "scenes/",
     ),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
-    "motion": ("settings map_shift_settings drift_settings", "field/", ".", "map_shift/"),
+    "motion": ("settings map_shift_settings drift_settings", "field/", ".", "map_shift/", "off_wall/"),
     "reconstruction": ("settings shape_settings neighbours", "field/", "points/", "shape/", "."),
     "report": (
         "markup palette",

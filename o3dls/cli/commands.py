@@ -61,7 +61,7 @@ TASKS = {
     "From a case to a run": ("demo", "init", "import", "check", "run", "batch"),
     "Look at runs": ("report", "view", "next", "compare", "cohort"),
     "While a map is being taken": ("live", "send"),
-    "Files for other programs": ("convert", "export"),
+    "Files for other programs": ("convert", "export", "carry"),
     "About the program": ("stages", "settings", "names", "schema", "doctor", "paper"),
 }
 

@@ -1,18 +1,15 @@
-"""Commands on finished runs, files and the machine: report, compare, next, export, convert, import, doctor,
-view.
-"""
+"""Commands on finished runs and files: report, compare, next, export, carry, convert, send, import, view."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from . import completion
-from .options import as_json, prior_choice, progress
-from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json, say_lines
+from .options import prior_choice
+from .words import FILE, FOLDER, complain, say, say_lines
 
 
 @click.command()
@@ -55,7 +52,7 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     default="ply",
     show_default=True,
     shell_complete=completion.formats,
-    help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm",
+    help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm, itk, mrb",
 )
 @click.option("--estimate", shell_complete=completion.estimates, help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
@@ -66,18 +63,45 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     show_default=True,
     help="on the map, or on the prior's own surface in its own frame: the patient's image",
 )
+@click.option(
+    "--spacing", type=float, help="phi, mask, itk, mrb: size of a voxel, distance of nodes; default: 1 mm"
+)
 @click.option("--grid", type=FILE, help="mask: image whose voxels it takes, such as the prior's")
+@click.option("--image", type=FILE, help="mrb: grey image of the prior; default: the case's, if it names one")
 @click.option("--frame", help="frame to write in, LPS or RAS; default: that of the map or the prior")
 @click.option("--field", help="carto_vtk: the field that becomes its one scalar")
 @click.option("--vmin", type=float, help="carto_vtk: value at the lower end of the colours")
 @click.option("--vmax", type=float, help="carto_vtk: value at the upper end of the colours")
-def export(run_folder: Path, out: Path | None, **options: Any) -> None:
-    """Write a surface of a finished run for other programs, with a sidecar that says frame, units and what
-    the values mean.
+def export(run_folder: Path, out: Path | None, spacing: float | None, **options: Any) -> None:
+    """Write a surface or the motion of a finished run for other programs, with a sidecar that says frame,
+    units and what the values mean.
     """
     from ..runs.export.finished import export_run
 
+    options |= {} if spacing is None else {"spacing": spacing}
     say(export_run(run_folder, out, **options))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.argument("source", metavar="FILE", type=FILE)
+@click.option(
+    "--to",
+    type=click.Choice(["map", "image"]),
+    required=True,
+    help="where to: from the prior's image to the map, or back",
+)
+@click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
+@click.option("--estimate", shell_complete=completion.estimates, help="whose motion; default: the last")
+@click.option("--units", help="units of FILE where it does not state them: mm, cm, m, um, in")
+@click.option("--frame", help="frame of FILE where it does not state it: LPS or RAS")
+def carry(run_folder: Path, source: Path, **options: Any) -> None:
+    """Carry a surface, points, lines, a label volume or named places through the motion of a run, with the
+    deviation at each place.
+    """
+    from ..runs.export.carry import carry as carry_file
+
+    say(carry_file(run_folder, source, **options))
 
 
 @click.command()
@@ -161,38 +185,6 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
     for line in (*lines, *found.notes, *column_table(found.columns), out):
         say(line)
-
-
-@click.command()
-@click.argument("what", type=click.Choice(["columns", "quantities", "tags", "places"]))
-def names(what: str) -> None:
-    """Print which headings of tables, values, tags of points or names of places mean what, as a table."""
-    from ..io.mapping.name_tables import TABLES
-
-    say_lines("\n".join(TABLES[what]()))
-
-
-@click.command()
-@click.option("--compile", "compiles", is_flag=True, help="compile all loops now, and check nothing")
-@as_json
-@progress
-def doctor(compiles: bool, as_json: bool) -> int:
-    """Check this machine, and say how to fix each fault; or compile the loops of a new installation, which
-    the first run would do else.
-    """
-    from .doctor import compile_loops, diagnose
-
-    if compiles:
-        seconds = compile_loops()
-        say_json({"seconds": seconds}) if as_json else say(f"compiled in {seconds:.0f} s")
-        return DONE
-    checks = diagnose()
-    if as_json:
-        say_json(list(map(asdict, checks)))
-    else:
-        for check in checks:
-            say_lines(check)
-    return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
 
 
 @click.command("next")

@@ -1,9 +1,11 @@
-"""The command `settings`: the numbers of the method as Markdown tables, taken from the settings classes."""
+"""Commands about the program: `settings`, the numbers of the method as Markdown tables, taken from the
+settings classes; `names`; `doctor`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from importlib import import_module
 from typing import Any
 
@@ -11,7 +13,8 @@ import click
 
 from ..errors import InputError, did_you_mean
 from ..settings import Number, numbers
-from .words import say_lines
+from .options import as_json, progress
+from .words import DONE, NOT_VALID, say, say_json, say_lines
 
 # The classes of each package's module `settings`; each holds those of its parts.
 CLASSES = {
@@ -92,3 +95,35 @@ def _write_value(value: Any) -> str:
 def _owner_package(settings: Any) -> str:
     """Return the package that owns a class."""
     return type(settings).__module__.split(".")[1]
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["columns", "quantities", "tags", "places"]))
+def names(what: str) -> None:
+    """Print which headings of tables, values, tags of points or names of places mean what, as a table."""
+    from ..io.mapping.name_tables import TABLES
+
+    say_lines("\n".join(TABLES[what]()))
+
+
+@click.command()
+@click.option("--compile", "compiles", is_flag=True, help="compile all loops now, and check nothing")
+@as_json
+@progress
+def doctor(compiles: bool, as_json: bool) -> int:
+    """Check this machine, and say how to fix each fault; or compile the loops of a new installation, which
+    the first run would do else.
+    """
+    from .doctor import compile_loops, diagnose
+
+    if compiles:
+        seconds = compile_loops()
+        say_json({"seconds": seconds}) if as_json else say(f"compiled in {seconds:.0f} s")
+        return DONE
+    checks = diagnose()
+    if as_json:
+        say_json(list(map(asdict, checks)))
+    else:
+        for check in checks:
+            say_lines(check)
+    return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID

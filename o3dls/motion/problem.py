@@ -107,7 +107,7 @@ def motion_problem(
     covariance = _scale_covariance(posed, marks, settings)
     length, at = smoothed or (0.0, posed)
     shortest = min(covariance.lengths)
-    nodes = _space_points(at, settings.covariance.node_spacing * shortest)
+    nodes = space_points(at, settings.covariance.node_spacing * shortest)
     rough = roughness(at, faces, size * settings.covariance.normals_length)
     return MotionProblem(
         vertices=vertices,
@@ -149,7 +149,7 @@ def _scale_covariance(posed: Array, marks: Array, settings: MotionSettings) -> C
     )
 
 
-def _space_points(points: Array, spacing: float) -> Ints:
+def space_points(points: Array, spacing: float) -> Ints:
     """Return the indices of points that stand about `spacing` apart: the one nearest to the middle of each
     occupied cell.
     """

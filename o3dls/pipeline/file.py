@@ -59,7 +59,7 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     path, settings = Path(path), list(settings)
     text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
-        tables = _resolve_grids(parse_toml(text, str(path)), path.parent)
+        tables = _resolve_files(parse_toml(text, str(path)), path.parent)
     except InputError as error:
         raise PipelineError(str(error)) from None
     changed = overridden(deepcopy(tables), settings)
@@ -87,13 +87,14 @@ def _blame_settings(mistake: str, settings: list[str]) -> str:
     return f"{' '.join(f'--set {setting}' for setting in meant)}: {mistake}"
 
 
-def _resolve_grids(tables: Tables, folder: Path) -> Tables:
-    """Return the tables with the files that writers name (`grid`) taken from a folder, as case and out
-    are.
+def _resolve_files(tables: Tables, folder: Path) -> Tables:
+    """Return the tables with the files that writers name (`grid`, `image`) taken from a folder, as case and
+    out are.
     """
     for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
-        if isinstance(table, dict) and isinstance(table.get("grid"), str):
-            table["grid"] = str(folder / table["grid"])
+        for key in ("grid", "image") if isinstance(table, dict) else ():
+            if isinstance(table.get(key), str):
+                table[key] = str(folder / table[key])
     return tables
 
 

@@ -70,7 +70,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
     if estimate.motion is None:
         return
-    moved, deviation = _move_prior(case.prior, estimate.motion)
+    moved, deviation = move_prior(case.prior, estimate.motion)
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
@@ -83,7 +83,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
 
 @lru_cache(maxsize=1)  # estimates of one run share their motion
-def _move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
+def move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
     """Return the prior where a motion brought it, and the deviation (n,) along its normals there."""
     moved = prior.with_vertices(motion(prior.vertices))
     return moved, motion.sd(prior.vertices, moved.vertex_normals)

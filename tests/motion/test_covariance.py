@@ -114,7 +114,7 @@ def test_displacement_is_the_covariance_along_every_axis(dimension: int, anchors
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_interpolation_from_nodes_loses_a_hundredth_of_the_field(dimension: int) -> None:
     """Nodes at a good quarter of the correlation length, as the fit takes them."""
-    from o3dls.motion.problem import _space_points
+    from o3dls.motion.problem import space_points
 
     surface = body(dimension, fineness=4)
     cov = covariance(dimension)
@@ -122,7 +122,7 @@ def test_interpolation_from_nodes_loses_a_hundredth_of_the_field(dimension: int)
     sds = np.array([1.0, 1.0, 1e-9, 1e-9])
     alpha = np.random.default_rng(2_741).normal(size=80)
     field = FieldPrior(cov, sds).displacement(obs, alpha, Places(surface.vertices, surface.vertex_normals))
-    nodes = _space_points(surface.vertices, 0.27 * 0.46 * SIZE)
+    nodes = space_points(surface.vertices, 0.27 * 0.46 * SIZE)
     weights = interpolation(surface.vertices[nodes], surface.vertices, 0.46 * SIZE, 8)
     found = weights @ field[nodes]
     error = np.sqrt(((found - field) ** 2).sum(axis=1).mean())

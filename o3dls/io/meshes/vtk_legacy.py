@@ -34,17 +34,17 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a legacy VTK file; polygons and strips become triangles, solids their boundary, cell data are
     carried to the points. Raises InputError naming the place.
     """
-    vertices, cells, on_points, on_cells, title = _parse(path, data)
+    vertices, cells, on_points, on_cells, title = parse(path, data)
     return surface_of(path, vertices, cells, on_points, on_cells, header=title, metadata={"title": title})
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:
     """Decode the points of a legacy VTK file with their values. Raises InputError."""
-    vertices, cells, on_points, _, title = _parse(path, data)
+    vertices, cells, on_points, _, title = parse(path, data)
     return Cloud.stated(vertices, on_points, title, cells.faces)
 
 
-def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, str]:
+def parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, str]:
     """Return points, cells, values of both, and the title."""
     cursor = Cursor(path, data)
     cursor.line()

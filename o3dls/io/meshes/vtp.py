@@ -5,7 +5,7 @@ compressed; frame and units as field data. Only VTP is written.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from .surface_file import NOTICE, SurfaceFile
 from .vtp_arrays import TYPES, Arrays, open_xml
 
 Fields = dict[str, NDArray[Any]]
+Stated = tuple[str, str]  # what a file states: its key and its text
 # elements of a piece in the order of the cell data, with VTK's number of their kind; `Cells` states its own
 KINDS = {"Verts": 2, "Lines": 4, "Polys": POLYGON, "Strips": STRIP, "Cells": 0}
 
@@ -36,19 +37,19 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode a VTP or VTU file; pieces are joined, polygons become triangles, solids their boundary, cell
     data are carried to the points. Raises InputError naming the array that does not fit.
     """
-    vertices, cells, on_points, on_cells, notes = _parse(path, data)
+    vertices, cells, on_points, on_cells, notes = parse(path, data)
     space, units = notes["SPACE"], notes["UNITS"]
     return surface_of(path, vertices, cells, on_points, on_cells, space=space, units=units)
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:
     """Decode the points of a VTP or VTU file with their values. Raises InputError."""
-    vertices, cells, on_points, _, notes = _parse(path, data)
+    vertices, cells, on_points, _, notes = parse(path, data)
     space, units = notes["SPACE"] or "unknown", (notes["UNITS"] or "unknown").lower()
     return Cloud(vertices, on_points, space, units, cells.faces)
 
 
-def _parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[str, str | None]]:
+def parse(path: Path, data: bytes) -> tuple[Array, Cells, Fields, Fields, dict[str, str | None]]:
     """Return points, cells, values of both, and what is stated of frame and units."""
     root, appended = open_xml(path, data)
     kind = root.get("type")
@@ -144,27 +145,38 @@ def write(file: SurfaceFile) -> bytes:
     """
     surface = file.surface
     n, d = surface.vertices.shape
-    m = len(surface.faces)
+    vertices = np.column_stack([surface.vertices, np.zeros((n, 3 - d))])
+    stated = (("SPACE", file.space), ("UNITS", file.units))
+    return _encode(vertices, "Polys" if d == 3 else "Lines", surface.faces, surface.fields, stated)
+
+
+def write_cloud(cloud: Cloud) -> bytes:
+    """Encode places as VTP, each with an element that programs show as a point."""
+    each = np.arange(len(cloud.xyz)).reshape(-1, 1)
+    return _encode(cloud.xyz, "Verts", each, cloud.values, (("SPACE", cloud.space), ("UNITS", cloud.units)))
+
+
+def _encode(
+    vertices: Array, kind: str, elements: Ints, values: Mapping[str, NDArray[Any]], stated: Sequence[Stated]
+) -> bytes:
+    """Encode vertices (n, 3) with elements (m, k) of a kind of PolyData."""
+    n, (m, k) = len(vertices), elements.shape
     raw = _Raw()
-    index = np.int32 if d * max(n, m) < 2**31 else np.int64
-    fields = "".join(raw.declare(name, values) for name, values in surface.fields.items())
-    points = raw.declare("Points", np.column_stack([surface.vertices, np.zeros((n, 3 - d))]))
-    cells = raw.declare("connectivity", surface.faces.ravel().astype(index))
-    cells += raw.declare("offsets", np.arange(d, d * m + 1, d, dtype=index))
-    kind = "Polys" if d == 3 else "Lines"
-    counts = (
-        f'NumberOfPoints="{n}" NumberOfVerts="0" NumberOfLines="{m * (d == 2)}" NumberOfStrips="0" '
-        f'NumberOfPolys="{m * (d == 3)}"'
+    index = np.int32 if k * max(n, m) < 2**31 else np.int64
+    fields = "".join(raw.declare(name, one) for name, one in values.items())
+    points = raw.declare("Points", vertices)
+    cells = raw.declare("connectivity", elements.ravel().astype(index))
+    cells += raw.declare("offsets", np.arange(k, k * m + 1, k, dtype=index))
+    counts = " ".join(
+        f'NumberOf{name}="{m if name == kind else n if name == "Points" else 0}"'
+        for name in ("Points", "Verts", "Lines", "Strips", "Polys")
     )
     head = "".join(
         [
             '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
             'header_type="UInt64" ',
             'compressor="vtkZLibDataCompressor">\n<PolyData>\n<FieldData>\n',
-            *(
-                _encode_text(name, text)
-                for name, text in (("SPACE", file.space), ("UNITS", file.units), ("NOTICE", NOTICE))
-            ),
+            *(_encode_text(name, text) for name, text in (*stated, ("NOTICE", NOTICE))),
             f"</FieldData>\n<Piece {counts}>\n<PointData>\n{fields}</PointData>\n",
             f"<Points>\n{points}</Points>\n<{kind}>\n{cells}</{kind}>\n",
             '</Piece>\n</PolyData>\n<AppendedData encoding="raw">\n_',

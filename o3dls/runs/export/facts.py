@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import logging
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...io.atomic import write_file
 from ...io.meshes.surface_file import NOTICE
 
 if TYPE_CHECKING:
     from ..run import Run
+
+log = logging.getLogger("o3dls")
 
 
 def facts_of(run: Run, name: str, format: str, on: str, space: str, units: str) -> dict[str, Any]:
@@ -31,3 +38,15 @@ def facts_of(run: Run, name: str, format: str, on: str, space: str, units: str) 
         "status": estimate.status,
         "versions": dict(run.provenance.versions),
     }
+
+
+def write_facts(path: Path, facts: dict[str, Any]) -> None:
+    """Write facts to `<file>.json` beside a file."""
+    sidecar = path.with_name(path.name + ".json")
+    write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")
+
+
+def log_sentences(path: Path, sentences: Iterable[str], level: int = logging.INFO) -> None:
+    """Log sentences on what a file does not keep, or what its user must know."""
+    for sentence in sentences:
+        log.log(level, "%s: %s", path.name, sentence)

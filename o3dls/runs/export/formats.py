@@ -23,6 +23,8 @@ FormatName = Literal[
     "tfm",
     "txt",
     "csv",
+    "itk",
+    "mrb",
 ]
 FrameName = Literal["LPS", "RAS"]
 SUFFIXES = {
@@ -36,6 +38,7 @@ SUFFIXES = {
     "mask_nrrd": "mask.nrrd",
     "mask_nifti": "mask.nii.gz",
     "csv": "points.csv",
+    "itk": "to_map.h5",
 }
 NO_SURFACE = {
     "phi_nrrd": (".nrrd",),
@@ -45,10 +48,13 @@ NO_SURFACE = {
     "tfm": (".tfm",),
     "txt": (".txt",),
     "csv": (".csv",),
+    "itk": (".h5", ".tfm"),
+    "mrb": (".mrb",),
 }
 # the others are in one unit by definition, or by the custom of those who read them
 IN_ANY_UNITS = ("ply", "stl", "obj", "off", "vtk", "vtp", "csv")
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
+BETWEEN = ("itk", "mrb")  # formats that hold both sides, the map and the prior's image, in LPS
 
 
 def file_name(estimate: str, format: str, on: str = "map") -> str:

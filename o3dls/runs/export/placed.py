@@ -96,14 +96,16 @@ def unknown_frame(on: On) -> str:
 
 def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
     """Return the motion of an estimate, with its inverse, by where it brought the prior's vertices."""
-    from ...evaluation.distances import moved
     from ...motion.recorded import RecordedMotion
+    from ..estimate_files import move_prior
 
     if isinstance(estimate.motion, RecordedMotion):
         return estimate.motion
-    after = case.prior.with_vertices(moved(estimate, case.prior.vertices))
-    unknown = np.full(len(after.vertices), np.nan)
-    return RecordedMotion(case.prior, after, estimate.T_map_prior, unknown)
+    if estimate.motion is not None:
+        after, deviation = move_prior(case.prior, estimate.motion)
+        return RecordedMotion(case.prior, after, estimate.T_map_prior, deviation)
+    after = case.prior.transformed(estimate.T_map_prior)
+    return RecordedMotion(case.prior, after, estimate.T_map_prior, np.full(len(after.vertices), np.nan))
 
 
 def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
@@ -116,6 +118,16 @@ def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Sur
     found = between(surface, case.prior, target_motion=motion)
     gap = project(motion.moved.vertices, surface).distance
     return replace(found, fields={**found.fields, f"distance_to_result_{case.units}": gap})
+
+
+def lps_pose(case: Case, estimate: Estimate) -> tuple[Array, Array, Array]:
+    """Return what turns the prior's frame and the map's to LPS, and `T_map_prior` between the two in LPS; an
+    unknown frame counts as that of the other side.
+    """
+    frames = case.prior_frame, case.frame
+    prior, on_map = (own if own != "unknown" else other for own, other in (frames, frames[::-1]))
+    turn, turn_map = (TURN if frame == "RAS" else np.eye(4) for frame in (prior, on_map))
+    return turn, turn_map, np.asarray(turn_map @ estimate.T_map_prior @ turn)
 
 
 def _pose_in_frame(case: Case, estimate: Estimate, frame: str) -> Array:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import logging
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,17 +14,15 @@ from ...geometry.surface import Surface
 from ...io.atomic import staged_files, write_file
 from ...plugins.stage import FINEST
 from ..writers import Writer
-from .facts import facts_of
-from .formats import NEED_FRAME, FormatName, FrameName, file_name
+from .between import unknown_sides, write_between
+from .facts import facts_of, log_sentences, write_facts
+from .formats import BETWEEN, NEED_FRAME, FormatName, FrameName, file_name
 from .placed import On, Placed, frame_of, placed, units_of, unknown_frame
 from .volume import write_enclosed_volume, write_labels_like
 
 if TYPE_CHECKING:
     from ...case import Case, Points
     from ..run import Run
-
-
-log = logging.getLogger("o3dls")
 
 
 class Export(Writer):
@@ -64,10 +59,17 @@ class Export(Writer):
         description="most triangles, by decimation; default: the limit of the system, else all",
     )
     spacing: float = Field(
-        default=1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+        default=1.0,
+        ge=FINEST,
+        description="phi, mask, itk and mrb: size of a voxel, distance of nodes",
+        json_schema_extra={"unit": "mm"},
     )
     grid: Path | None = Field(
         default=None, description="mask: image whose voxels it takes, with the wall labelled apart"
+    )
+
+    image: Path | None = Field(
+        default=None, description="mrb: grey image of the prior; default: that of the case, if it names one"
     )
 
     @model_validator(mode="after")
@@ -92,6 +94,10 @@ class Export(Writer):
             raise PipelineError(
                 f"export: grid belongs to the formats mask_nrrd and mask_nifti, not {self.format}"
             )
+        if self.image is not None and self.format != "mrb":
+            raise PipelineError(f"export: image belongs to the format mrb, not {self.format}")
+        if self.format in BETWEEN and (self.on, self.frame) != ("map", None):
+            raise PipelineError(f"export: {self.format} holds both map and prior, in LPS; omit on and frame")
         if self.field is None and self.vmin is not None:
             raise PipelineError("export: vmin and vmax are limits of a field, and none is named; say field")
         return self
@@ -108,6 +114,8 @@ class Export(Writer):
         """Say what of the grid or the spacing is wrong; the result is taken to be about as large as the
         prior.
         """
+        if self.image is not None and not self.image.is_file():
+            return f"image = '{self.image}': no such file"
         if self.grid is not None:
             return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
@@ -120,10 +128,12 @@ class Export(Writer):
         unknown = frame_of(case, self.on) == "unknown" and unknown_frame(self.on)
         if self.frame and unknown:
             return f"frame = {self.frame!r}: {unknown}"
-        if self.format in (*IN_MILLIMETRES, *NEED_FRAME) and case.units != "mm":
+        if self.format in (*IN_MILLIMETRES, *NEED_FRAME, *BETWEEN) and case.units != "mm":
             return f"format = {self.format!r} is in mm by definition, and the case is in {case.units}"
         if self.format in NEED_FRAME and unknown:
             return f"format = {self.format!r} lies in LPS or RAS by definition, and {unknown}"
+        if self.format in BETWEEN and unknown_sides(case):
+            return f"format = {self.format!r} is in LPS by definition, and {unknown_frame('prior')}"
         if self.grid and unknown:
             return f"grid = '{self.grid}': {unknown}"
         return None
@@ -138,6 +148,9 @@ class Export(Writer):
 
         The facts are frame, units, pose and meaning of values. within: as for `staged_file`.
         """
+        if self.format in BETWEEN:
+            write_between(run, name, self.format, path, spacing=self.spacing, image=self.image, within=within)
+            return
         # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
         what = placed(run, name, surface, self.on, frame)
@@ -145,7 +158,7 @@ class Export(Writer):
         what = what.in_units(units)
         facts = facts_of(run, name, self.format, self.on, what.frame, units)
         if units != own:
-            _log_sentences(
+            log_sentences(
                 path, [f"is in {units}, as every {self.format} is; the prior's own file is in {own}"]
             )
         if self.format == "opencarp":
@@ -155,8 +168,7 @@ class Export(Writer):
             check_fields(path, self._decimate_to_limit(what.surface))
         with staged_files(path, within) as staged:
             facts |= self._write_format(what, staged, units)
-            sidecar = staged.with_name(staged.name + ".json")
-            write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")
+            write_facts(staged, facts)
 
     def _write_format(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
@@ -187,7 +199,7 @@ class Export(Writer):
         if self.format == "openep":
             counts |= _write_openep(surface, path, what.points)
         else:
-            _log_sentences(
+            log_sentences(
                 path, write_surface(path, surface, space=what.frame, units=units, format=self.format)
             )
         if self.format == "opencarp":
@@ -215,7 +227,7 @@ class Export(Writer):
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
         write_file(path, encode(surface, scalar))
-        _log_sentences(path, scalar.notes)
+        log_sentences(path, scalar.notes)
         return dict(scalar.meaning)
 
     def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
@@ -226,18 +238,12 @@ class Export(Writer):
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
 
 
-def _log_sentences(path: Path, sentences: Iterable[str]) -> None:
-    """Log sentences on what a file does not keep."""
-    for sentence in sentences:
-        log.info("%s: %s", path.name, sentence)
-
-
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
     """Write the surface with the measured points, which OpenEP's tools interpolate."""
     from ...io.matlab.openep import encode, losses
     from ...io.matlab.openep_points import SIGNALS
 
     write_file(path, encode(surface, points))
-    _log_sentences(path, losses(surface))
+    log_sentences(path, losses(surface))
     kinds = {kind: int((points.type == kind).sum()) for kind in ("eam", "ablation")}
     return {"points": kinds, "electrograms": SIGNALS}
