@@ -61,6 +61,7 @@ ROOMS = {
         "clouds/",
         "meshes/carto/",
         "images/",
+        "grey/",
         "matlab/",
         ".",  # surfaces, which chooses among them; transforms; the case
         "mapping/",

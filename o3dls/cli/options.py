@@ -10,6 +10,7 @@ import click
 
 from ..case import PRIOR_OF
 from . import completion
+from .words import FILE
 
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
 overrides = click.option(
@@ -30,6 +31,11 @@ def prior_choice(command: Any) -> Any:
                 "--prior-of",
                 type=click.Choice(PRIOR_OF),
                 help="whose anatomy the prior is (default: patient); template: another person's or a mean",
+            ),
+            click.option(
+                "--image",
+                type=FILE,
+                help="grey image that the prior was segmented in: NIfTI, NRRD, MetaImage, or a DICOM folder",
             ),
             click.option("--cap", is_flag=True, help="close the openings of the prior"),
             click.option("--label", type=int, help="label volume: the label to take"),

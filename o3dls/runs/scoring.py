@@ -129,6 +129,7 @@ def provenance(case: Case, pipeline: Record) -> Provenance:
             **{key: getattr(case, key) for key in ("name", "units", "frame", "dimension", "prior_of")},
             points=dict(sorted(Counter(case.points.type.tolist()).items())),
             columns=dict(case.columns),
+            **({"image": dict(case.image)} if case.image else {}),
             files=dict(sorted(case.files.items())),
         ),
         pipeline=plain(pipeline),
