@@ -78,6 +78,7 @@ ROOMS = {
         "grading/",
         "checks",
         "drawing/",
+        "stacks/",
         "sections/",
         "page",
         "cohort/",

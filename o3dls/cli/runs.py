@@ -1,4 +1,6 @@
-"""Commands that make runs, and what they are made of: demo, run, init, check, stages, schema, paper."""
+"""Commands that make runs, and what they are made of: demo, run, init, check, stages, schema, paper; and
+slices, which draws a run on the image that it began with.
+"""
 
 from __future__ import annotations
 
@@ -206,6 +208,17 @@ def paper(out: Path, quick: bool, force: bool) -> None:
     from ..paper.compute import make
 
     say(make(out, quick=quick, force=force))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--out", type=FOLDER, help="folder for the pictures; default: slices in the run folder")
+@click.option("--image", type=FILE, help="image of the prior, where the run has none or it stands elsewhere")
+def slices(run_folder: Path, out: Path | None, image: Path | None) -> None:
+    """Draw slices of the prior's image with the contours of prior, ICP and result, as PNG files."""
+    from ..report.stacks.pictures import write_slices
+
+    say(write_slices(run_folder, out, image))
 
 
 def _require_value(value: Path | None, option: str) -> Path:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import sys
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from o3dls.io.grey.of_case import open_case_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.mapping.study_import import import_study
 from o3dls.io.points import write_points
-from o3dls.io.surfaces import write_surface
+from o3dls.io.surfaces import read_surface_file, write_surface
 from tests.finished import bulged_case
 from tests.oblique import FORMATS, affine, ball_image, meta, write, write_series
 
@@ -163,7 +164,7 @@ def test_what_is_wrong_is_said(change: str, words: str, tmp_path: Path) -> None:
 
 def test_an_image_in_the_other_frame_is_told(tmp_path: Path) -> None:
     path = spoil("turned", tmp_path)
-    with pytest.raises(InputError, match=r"left and right, front and back exchanged.*convert --frame"):
+    with pytest.raises(InputError, match=r"left and right, front and back exchanged: one of the two files"):
         opened(path, vertices=WALL + np.array([-300.0, -200.0, 0.0]))
 
 
@@ -181,9 +182,6 @@ def test_a_prior_whose_frame_is_unknown_is_placed_only_where_one_frame_fits(
     else:
         with pytest.raises(InputError, match=r"frame of the prior is not known.*convert PRIOR prior.ply"):
             opened(path, "unknown", moved)
-
-
-Spoiled = tuple[str, str]
 
 
 @pytest.mark.parametrize(
@@ -223,15 +221,6 @@ def test_what_is_wrong_with_a_series_is_said(change: str, words: str, tmp_path: 
         folder.mkdir()
     with pytest.raises(InputError, match=words):
         opened(next(folder.iterdir()) if change == "file" else folder)
-
-
-def case_folder(folder: Path, name: str = "image.nii.gz", **settings: str) -> Path:
-    write_case(folder / "case", bulged_case())
-    write(folder, name, ball_image())
-    with (folder / "case" / "case.toml").open("a") as file:
-        file.write(f'image = "../{name}"\n')
-        file.writelines(f'{key} = "{value}"\n' for key, value in settings.items())
-    return folder / "case"
 
 
 def prior_in(case: Case) -> Case:
@@ -319,3 +308,45 @@ def test_an_import_refers_to_the_image_of_its_prior(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the prior does not lie in this image"):
         import_study(study, "1-Map", tmp_path / "c", prior=prior, image=far)
     assert not (tmp_path / "c").exists()
+
+
+def test_an_image_that_does_not_say_how_it_lies_is_oriented(tmp_path: Path) -> None:
+    path = spoil("no form", tmp_path)
+    with pytest.raises(InputError, match="orient it first, as in 3D Slicer"):
+        opened(path)
+    image = nibabel.load(path)
+    middle = np.eye(4)
+    middle[:3, 3] = -45.0
+    image.set_sform(middle, code=1)
+    nibabel.save(image, tmp_path / "oriented.nii")
+    assert opened(tmp_path / "oriented.nii").frame == "LPS"
+    values = ball_image()
+    data = write(tmp_path, "a.nrrd", values).read_bytes()
+    head, body = data.split(b"\n\n", 1)
+    lines = [line for line in head.splitlines() if not line.startswith(b"space")]
+    (tmp_path / "b.nrrd").write_bytes(b"\n".join([*lines, b"spacings: 0.9 1.3 2.2"]) + b"\n\n" + body)
+    with pytest.raises(InputError, match="orient it first, as in 3D Slicer"):
+        opened(tmp_path / "b.nrrd")
+    assert opened(tmp_path / "a.nrrd").frame == "LPS"
+
+
+def test_a_series_is_read_once_pydicom_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needs_pydicom("series")
+    path = write(tmp_path, "series", ball_image())
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "pydicom", None)
+        with pytest.raises(InputError, match=r"install pydicom, pip install 'o3dls\[dicom\]', or save it"):
+            opened(path)
+    assert opened(path).frame == "LPS"
+
+
+def test_a_prior_without_a_frame_gets_one_and_lies_in_the_image(tmp_path: Path) -> None:
+    image = write(tmp_path, "a.nrrd", ball_image())
+    write_surface(tmp_path / "bare.ply", bulged_case().prior)
+    with pytest.raises(InputError, match=r"o3dls convert PRIOR prior\.ply --frame LPS") as said:
+        open_image(image, WALL, "unknown")
+    words = str(said.value).partition("o3dls ")[2].removesuffix(" (or RAS)").split()
+    places = {"PRIOR": str(tmp_path / "bare.ply"), "prior.ply": str(tmp_path / "prior.ply")}
+    assert answer([places.get(word, word) for word in words]) == 0
+    file = read_surface_file(tmp_path / "prior.ply")
+    assert open_image(image, file.surface.vertices, file.space).frame == "LPS"

@@ -20,12 +20,16 @@ FACTORS = {"m": 1000.0, "cm": 10.0, "um": 0.001}
 
 def check_size(path: Path, volume: Volume) -> None:
     """Raise InputError where an image is larger than a body, whose lengths are of wrong units then."""
-    extent = float((np.linalg.norm(volume.affine[:3, :3], axis=0) * volume.shape).max())
-    if extent > LARGEST_BODY:
+    if (extent := _extent(volume)) > LARGEST_BODY:
         raise InputError(
             f"{path}: extends over {extent:.4g} mm by its header, more than a body: it must state sizes and "
             "origin in mm"
         )
+
+
+def _extent(volume: Volume) -> float:
+    """Return the length of the longest axis in mm, as the header has it."""
+    return float((np.linalg.norm(volume.affine[:3, :3], axis=0) * volume.shape).max())
 
 
 def settle_frame(path: Path, volume: Volume, vertices: Array, prior_frame: str) -> tuple[str, Array]:
@@ -76,7 +80,11 @@ def _check_overlap(path: Path, volume: Volume, vertices: Array, turn: Array) -> 
     said = (
         f"{path}: the prior does not lie in this image: it holds {share:.0%} of its {len(vertices)} vertices"
     )
-    others = {unit: _share_inside(volume, vertices, turn, factor) for unit, factor in FACTORS.items()}
+    extent = _extent(volume)
+    others = {
+        unit: _share_inside(volume, vertices, turn, factor) if extent * factor <= LARGEST_BODY else 0.0
+        for unit, factor in FACTORS.items()
+    }
     unit = max(others, key=lambda name: others[name])
     if others[unit] > INSIDE:
         raise InputError(
@@ -88,7 +96,7 @@ def _check_overlap(path: Path, volume: Volume, vertices: Array, turn: Array) -> 
     if _share_inside(volume, vertices, TURN @ turn) > OUTSIDE:
         raise InputError(
             f"{said}, and most of them with left and right, front and back exchanged: one of the two files "
-            "states the wrong frame (LPS or RAS); correct it, for the prior by o3dls convert --frame"
+            "states the wrong frame (LPS or RAS)"
         )
     corners = apply(turn @ volume.affine, list(product(*((0, n - 1) for n in volume.shape))))
     ranges = [
