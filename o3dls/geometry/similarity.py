@@ -19,6 +19,11 @@ def apply(matrix: Array, points: ArrayLike) -> Array:
     return np.asarray(points @ matrix[:-1, :-1].T + matrix[:-1, -1])
 
 
+def inverse(matrix: Array) -> Array:
+    """Return the matrix that leads back."""
+    return np.asarray(np.linalg.inv(matrix))
+
+
 def rms_radius(vertices: Array) -> float:
     """Return the root mean square distance of vertices (n, d) from their middle: the lever that turns angles
     into lengths.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...geometry.similarity import apply
+from ...geometry.similarity import apply, inverse
 from ..images import dicom, metaimage, nifti, nrrd
 from ..images.layout import WHOLE, Grey, Layout, Volume, Window
 from ..images.registry import checked, read_image
@@ -72,7 +72,7 @@ class Part:
         """
         from scipy.ndimage import map_coordinates
 
-        index = apply(np.linalg.inv(self.affine), points)[..., ::-1]
+        index = apply(inverse(self.affine), points)[..., ::-1]
         size = np.array(self.values.shape)
         found = map_coordinates(
             self.values,
@@ -105,7 +105,7 @@ class GreyImage:
         """Read the part around points (n, 3), with a margin in mm. Raises InputError where it cannot be read,
         or holds none of them.
         """
-        index = apply(np.linalg.inv(self.affine), points)
+        index = apply(inverse(self.affine), points)
         reach = 1 + np.ceil(margin / self.spacing)
         low = np.maximum(np.floor(index.min(axis=0) - reach), 0).astype(int)
         high = np.minimum(np.ceil(index.max(axis=0) + reach) + 1, self.volume.shape).astype(int)
@@ -154,7 +154,7 @@ def _open_volume(path: Path) -> Volume:
         what = kind_of(data)
         raise InputError(f"{path}: is {what if what else 'not an image that o3dls knows'}; it {TAKES}")
     read = nrrd if nrrd.knows(data) else metaimage if metaimage.knows(data) else nifti
-    found = read.layout(path, data)
+    found: Layout | None = read.layout(path, data)
     if found is None:
         image = read_image(path, read_bytes(path))
         _check_one_volume(path, image.values.shape[::-1])

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...geometry.similarity import TURN, apply
+from ...geometry.similarity import TURN, apply, inverse
 from ..images.layout import Volume
 
 # shares of a prior inside an image: of the frame that is right, and of the wrong one
@@ -67,7 +67,7 @@ def _share_inside(volume: Volume, vertices: Array, turn: Array, factor: float = 
     as long.
     """
     affine = np.diag([factor, factor, factor, 1.0]) @ turn @ volume.affine
-    index = apply(np.linalg.inv(affine), vertices)
+    index = apply(inverse(affine), vertices)
     inside = ((index >= -0.5) & (index <= np.array(volume.shape) - 0.5)).all(axis=1)
     return float(inside.mean())
 

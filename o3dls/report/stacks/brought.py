@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
-from ...geometry.similarity import apply
+from ...geometry.similarity import apply, inverse
 from ...geometry.surface import Surface
 from ...io.grey.image import GreyImage
 from ...io.grey.of_case import LABELS, open_kept_image
@@ -55,7 +55,7 @@ def brought_back(subject: Subject) -> Brought:
     """
     case, last = subject.case, subject.last
     image = open_kept_image(case)
-    back = np.linalg.inv(last.estimate.T_map_prior)
+    back = inverse(last.estimate.T_map_prior)
     motion = recorded(case, last.estimate)
     layers = [Layer("prior", "prior as segmented", case.prior)]
     if subject.first is not None:

@@ -124,7 +124,7 @@ def _draw_lines(axes: Axes, brought: Brought, cut: Cut) -> None:
         axes.plot([], [], label=drawable(layer.name, 48), **style)
     if len(cut.points):
         dots: dict[str, Any] = {"c": "white", "edgecolors": "black", "linewidths": 0.7, "zorder": 3}
-        axes.scatter(*cut.points.T, s=14, label="points", **dots)
+        axes.scatter(cut.points[:, 0], cut.points[:, 1], s=14, label="points", **dots)
 
 
 def _chain(segments: Array) -> list[Array]:
