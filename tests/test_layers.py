@@ -84,7 +84,7 @@ ROOMS = {
         "cohort/",
         ".",  # writer, and the ways to look at a page
     ),
-    "runs": (".", "export/", "live"),
+    "runs": (".", "export/", "image/", "live"),
 }
 KERNELS = (
     "geometry",

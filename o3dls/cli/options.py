@@ -1,9 +1,12 @@
-"""Options that several commands share: what is printed, and how."""
+"""Options that several commands share, and what is asked for where none is given."""
 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
@@ -97,3 +100,26 @@ def _print_from(level: int) -> Callable[[click.Context, click.Parameter, bool], 
                 handler.setLevel(level)
 
     return heed
+
+
+def ask_files(
+    prior: Path | None, points: Path | None, landmarks: Path | None
+) -> tuple[Path, Path, Path | None]:
+    """Ask for those files of a new case that are not given."""
+    missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
+    ask = partial(click.prompt, err=True, show_default=False)
+    prior = prior or Path(ask("Prior: file of the surface or label volume"))
+    points = points or Path(ask("Points: table with columns x, y, z and type, or a cloud"))
+    if landmarks is None and (
+        named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
+    ):
+        landmarks = Path(named)
+    return prior, points, landmarks
+
+
+def ask_whose() -> str:
+    """Ask on the terminal whose anatomy the prior of a new case is."""
+    question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
+    return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...arrays import Array
 from ...geometry.similarity import apply, inverse
 from ...geometry.surface import Surface

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...arrays import Array
-from ...errors import InputError
 from ...io.atomic import write_file
 from ...io.manifest import noted
 from ...io.table import write_table
-from ...runs.folder import read_run
+from ...runs.image.values import with_named_image
 from ..drawing.figures import drawable, plain_figure, png
 from ..drawing.slices import write_path
 from ..subject import read_subject
@@ -52,13 +50,7 @@ def write_slices(folder: str | Path, out: str | Path | None = None, image: str |
     Raises InputError where the run has no image and none is given, or it cannot be drawn on.
     """
     folder = Path(folder)
-    run = read_run(folder)
-    if image is not None:
-        run = replace(run, case=replace(run.case, image={"path": str(Path(image).absolute())}))
-    if not run.case.image:
-        raise InputError(f"{folder}: the run's case has no image of its prior; name one with --image")
-    if run.case.dimension != 3:
-        raise InputError(f"{folder}: the run is of a case in 2D: slices are those of an image in 3D")
+    run = with_named_image(folder, image)
     brought = brought_back(read_subject([folder], runs=[with_given(run)]))
     stacks = make_stacks(brought)
     target = folder / FOLDER if out is None else Path(out)
