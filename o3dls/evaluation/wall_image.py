@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -10,11 +10,14 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
+from ..io.grey.image import GreyImage
 from .distances import distances, occupancy
 
 STEP = 0.25  # mm between samples along a normal: a fifth of the finest voxels of late enhancement
 DEPTH = 5.0  # mm from the wall, at least, of what counts as blood: no enhancement shines into it there
 GRID = 1.5  # mm between places in the blood
+VALUE, RATIO = "image_value", "image_ratio"  # fields of a surface
+SPARE = 5.0  # mm beyond a layer that are read of an image around a surface
 FEWEST = 100  # places in the blood, of which a mean is taken
 Take = Literal["mean", "max"]
 
@@ -60,6 +63,15 @@ class Blood:
     mean: float
     sd: float
     places: int
+
+
+def values_on_wall(image: GreyImage, surface: Surface, layer: Layer) -> tuple[Surface, Blood]:
+    """Return a closed surface, in the frame of the image, with the values of a layer and their ratios to the
+    blood as its only fields, and that blood. Raises InputError where the image cannot be read.
+    """
+    part = image.around(surface.vertices, max(abs(layer.low), abs(layer.high)) + SPARE)
+    blood, values = blood_of(part, surface), wall_values(part, surface, layer)
+    return replace(surface, fields={VALUE: values, RATIO: values / blood.mean}), blood
 
 
 def wall_values(image: Sampled, surface: Surface, layer: Layer) -> Array:

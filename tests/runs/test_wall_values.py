@@ -239,3 +239,34 @@ def test_the_deviation_in_the_wall_is_kept_where_there_is_an_image(tmp_path: Pat
     read_run(tmp_path / "with").write(tmp_path / "again")
     again = read_surface(tmp_path / "again" / path)
     assert again.fields["sd_in_wall_mm"] == pytest.approx(moved[0].fields["sd_in_wall_mm"])
+
+
+def test_surfaces_of_a_run_have_the_image_beside_the_voltage_and_so_have_exports(tmp_path: Path) -> None:
+    run = run_with_image(tmp_path)
+    for name in ("start", "icp", "level_set"):
+        fields = read_surface(run / "estimates" / name / "surface.vtp").fields
+        assert {"image_value", "image_ratio", "bipolar"} <= fields.keys()
+        blood = np.median(fields["image_value"] / fields["image_ratio"])
+        mean_depth = 20.0 - 0.75 * (20.0 - DEPTH)  # of what is DEPTH or more from the wall
+        assert blood == pytest.approx(400.0 + 10.0 * mean_depth, rel=0.01)
+    out = tmp_path / "lge.vtk"
+    export = ["export", str(run), "--format", "carto_vtk", "--field", "image_ratio", "--out", str(out)]
+    assert answer(export) == 0
+    assert out.is_file()
+
+
+def test_a_run_whose_image_has_no_blood_is_not_lost(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    image = write(tmp_path, "mri.nrrd", 0.0 * ball_image())
+    case = replace(bulged_case(), prior_frame="LPS", image={"path": str(image)})
+    run = finished(tmp_path / "run", case)
+    assert "image_ratio" not in read_surface(run / "estimates" / "icp" / "surface.vtp").fields
+    said = [one for one in caplog.messages if "no values of the image on the wall" in one]
+    assert len(said) == 1
+    assert "clearly above 0" in said[0]
+
+
+def test_labels_are_no_values_of_the_wall(tmp_path: Path) -> None:
+    image = write(tmp_path, "labels.nrrd", (ball_image() < 0).astype(np.uint8))
+    case = replace(bulged_case(), prior_frame="LPS", image={"path": str(image), "shows": "labels"})
+    run = finished(tmp_path / "run", case)
+    assert "image_value" not in read_surface(run / "estimates" / "icp" / "surface.vtp").fields

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...evaluation.interpolation import REACH
 from ...evaluation.projection import project
 from ...evaluation.transfer import between
-from ...evaluation.wall_image import Blood, Layer, blood_of, wall_values
+from ...evaluation.wall_image import Blood, Layer, values_on_wall
 from ...geometry.label_fields import read_at
 from ...geometry.surface import Surface
 from ...io.atomic import write_file
@@ -29,16 +29,14 @@ from ..export.placed import recorded
 from ..folder import read_run
 from ..run import Run
 
-VALUE, RATIO = "image_value", "image_ratio"
 FOLDER = "wall"
 MEASURED = ("name", "bipolar", "unipolar", "lat")
-SPARE = 5.0  # mm beyond the layer that are read of an image around the prior
 
 
 @dataclass(frozen=True, eq=False)
 class ImageValues:
-    """Values of an image arrive on the prior (in its frame) and on the result (in the map's), in the fields
-    `image_value` and `image_ratio`; `points` are columns of a table with a row for each eam point.
+    """These are the values of an image on the prior (in its frame) and on the result (in the map's), in the
+    fields `image_value` and `image_ratio`; `points` are columns of a table with a row for each eam point.
     """
 
     prior: Surface
@@ -66,12 +64,7 @@ def image_values(run: Run, layer: Layer) -> ImageValues:
     """
     case, estimate = run.case, run.estimates[run.final]
     motion = recorded(case, estimate)
-    image = open_kept_image(case)
-    margin = max(abs(layer.low), abs(layer.high)) + SPARE
-    part = image.around(case.prior.vertices, margin)
-    blood = blood_of(part, case.prior)
-    values = wall_values(part, case.prior, layer)
-    on_wall = replace(case.prior, fields={VALUE: values, RATIO: values / blood.mean})
+    on_wall, blood = values_on_wall(open_kept_image(case), case.prior, layer)
     measured = between(estimate.surface, case.prior, target_motion=motion)
     prior = replace(measured, fields={**measured.fields, **on_wall.fields})
     result = between(on_wall, estimate.surface, source_motion=motion)
