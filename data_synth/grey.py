@@ -5,16 +5,23 @@ late enhancement, and what lies around, on voxels that may lie obliquely and be 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from o3dls import Surface
+from o3dls import Case, Surface, write_case
 
+from .atrium import atrium
 from .segmentation import solid
 from .shapes import Array
 
 CHUNK = 200_000  # voxels at one time
+STREAM = 7919  # of the random numbers of an image, apart from those of its atrium
+VOXEL = np.array([1.0, 1.0, 1.5])  # mm
+SCARS, SCAR_SIZE = 3, 11.0  # patches of enhanced wall, and their radius in mm
+HEALTHY, ENHANCED = 330.0, 520.0  # values of the wall: 1.1 and 1.7 times the blood's
+NAME = "lge.nii.gz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,3 +85,33 @@ def late_enhancement(
         values[start : start + CHUNK] = chunk
     noise = 0.0 if rng is None else tissue.noise * rng.normal(size=len(values))
     return np.asarray((values + noise).reshape(grid.shape))
+
+
+def enhanced(seed: int = 7) -> tuple[Case, Array, Grid]:
+    """The atrium of a seed, whose prior is in LPS, and a late enhancement image (ni, nj, nk) of it on oblique
+    voxels: three patches of its wall are enhanced.
+    """
+    rng = np.random.default_rng((seed, STREAM))
+    case = atrium(seed)
+    prior = case.prior
+    middles = prior.vertices[rng.choice(len(prior.vertices), SCARS, replace=False)]
+
+    def wall(at: Array) -> Array:
+        away = np.linalg.norm(at[:, None] - middles, axis=2).min(axis=1)
+        return np.where(away < SCAR_SIZE, ENHANCED, HEALTHY)
+
+    grid = oblique_grid(rng, prior, VOXEL)
+    image = late_enhancement(prior, grid, wall, Tissue(), rng)
+    return replace(case, prior_frame="LPS", image={"path": NAME}), image, grid
+
+
+def write_enhanced(folder: Path, seed: int, *, force: bool = False) -> Case:
+    """Write the case of `enhanced` with its image in the folder; NIfTI is in RAS."""
+    import nibabel
+
+    case, image, grid = enhanced(seed)
+    write_case(folder, case, force=force)
+    affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ grid.affine
+    whole = np.clip(np.round(image), 0, 4095).astype(np.int16)
+    nibabel.save(nibabel.Nifti1Image(whole, affine), folder / NAME)  # type: ignore[no-untyped-call]
+    return case
