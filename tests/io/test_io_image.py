@@ -350,3 +350,33 @@ def test_a_prior_without_a_frame_gets_one_and_lies_in_the_image(tmp_path: Path) 
     assert answer([places.get(word, word) for word in words]) == 0
     file = read_surface_file(tmp_path / "prior.ply")
     assert open_image(image, file.surface.vertices, file.space).frame == "LPS"
+
+
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """A few bytes are others, mostly in the header; sometimes the end is missing."""
+    found = bytearray(data)
+    for _ in range(rng.integers(1, 4)):
+        end = min(len(found), 700) if rng.random() < 0.7 else len(found)
+        found[int(rng.integers(0, end))] = int(rng.integers(0, 256))
+    return bytes(found[: int(rng.integers(1, len(found)))] if rng.random() < 0.15 else found)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_damaged_image_is_read_within_bounds_or_refused(name: str, tmp_path: Path) -> None:
+    needs_pydicom(name)
+    small = np.random.default_rng(5_113).normal(size=(24, 20, 6)).astype(np.float32)
+    matrix = affine()
+    matrix[:3, 3] = -matrix[:3, :3] @ np.array([12.0, 10.0, 3.0])
+    places = np.random.default_rng(77_120).uniform(-3.0, 3.0, size=(40, 3))
+    path = write(tmp_path, name, small, matrix)
+    file = sorted(path.iterdir())[2] if name == "series" else path
+    whole, rng, said = file.read_bytes(), np.random.default_rng(40_019), list[str]()
+    for _ in range(120):
+        file.write_bytes(damaged(whole, rng))
+        try:
+            found = open_image(path, places, "LPS").around(places).sample(places)
+            assert found.shape == (40,)
+        except InputError as error:
+            said.append(str(error))
+    assert len(said) > 20  # what is packed has a checksum, so that all are refused
+    assert all(str(tmp_path) in one for one in said)

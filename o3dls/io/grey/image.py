@@ -146,7 +146,7 @@ def image_hash(path: Path) -> str:
 
 def _open_volume(path: Path) -> Volume:
     if path.is_dir():
-        return read_series(path)
+        return _check_voxels(path, read_series(path))
     data = read_head(path, HEAD)
     if dicom.knows(data):
         raise InputError(f"{path}: is one file of DICOM: name the folder that holds the slices of the series")
@@ -160,9 +160,7 @@ def _open_volume(path: Path) -> Volume:
         _check_one_volume(path, image.values.shape[::-1])
         return Held(image)
     _check_one_volume(path, found.sizes)
-    count(path, list(found.sizes))
-    _check_place(path, found)
-    return found
+    return _check_voxels(path, found)
 
 
 def _check_one_volume(path: Path, sizes: tuple[int, ...]) -> None:
@@ -173,8 +171,11 @@ def _check_one_volume(path: Path, sizes: tuple[int, ...]) -> None:
         )
 
 
-def _check_place(path: Path, found: Layout) -> None:
-    """Raise InputError where voxels are of no size that a scanner has, or a sidecar contradicts them."""
-    no_values = np.broadcast_to(np.float32(0), found.shape[::-1])
-    image = checked(Image(no_values, found.affine, found.space), str(path))
-    check_agreed(path, image)
+def _check_voxels(path: Path, volume: Volume) -> Volume:
+    """Return the volume unchanged. Raises InputError where it has more voxels than any image of a heart, or
+    of sizes that no scanner has, or a sidecar contradicts them.
+    """
+    count(path, list(volume.shape))
+    no_values = np.broadcast_to(np.float32(0), volume.shape[::-1])
+    check_agreed(path, checked(Image(no_values, volume.affine, volume.space), str(path)))
+    return volume

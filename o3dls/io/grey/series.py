@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,21 @@ SAME_STEP = 0.1
 SAME_DIRECTION = 1e-3  # of the entries of unit vectors
 NEEDED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns")
 AS_ONE_FILE = "save it as NIfTI or NRRD, as dcm2niix and 3D Slicer do"
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """A slice lies at a position (3,), with unit directions (2, 3) along a row and down a column, and
+    spacings (2,) of rows and of columns; size: columns and rows.
+    """
+
+    path: Path
+    series: str
+    description: str
+    size: tuple[int, int]
+    position: Array
+    rows: Array
+    spacing: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +71,17 @@ def read_series(folder: Path) -> Series:
             f"{folder}: to read a folder of DICOM files install pydicom, pip install 'o3dls[dicom]', or "
             f"{AS_ONE_FILE}"
         ) from None
-    heads = {}
+    slices = []
     for path in sorted(path for path in folder.iterdir() if is_dicom(path)):
         with _readable(path):
-            heads[path] = pydicom.dcmread(path, stop_before_pixels=True)
-    if not heads:
+            slices.append(_read_place(path, pydicom.dcmread(path, stop_before_pixels=True)))
+    if not slices:
         raise InputError(
             f"{folder}: is a folder without DICOM files; name the folder that holds the slices, or a file "
             "(NIfTI, NRRD, MetaImage)"
         )
-    _check_one_series(folder, heads)
-    for path, head in heads.items():
-        _check_slice(path, head)
-    return _ordered(folder, heads)
+    _check_one_series(folder, slices)
+    return _ordered(folder, slices)
 
 
 @contextmanager
@@ -85,13 +98,32 @@ def _readable(path: Path) -> Iterator[None]:
             raise InputError(f"{path}: cannot be read as a slice of DICOM: {said}") from None
 
 
-def _check_one_series(folder: Path, heads: dict[Path, Any]) -> None:
-    found = Counter(str(head.get("SeriesInstanceUID", "")) for head in heads.values())
+def _read_place(path: Path, head: Any) -> Slice:
+    """Return where a slice lies. Raises InputError for a file that is no slice of grey values with its place
+    in the body.
+    """
+    lacking = [name for name in NEEDED if head.get(name) is None]
+    if lacking or int(head.get("NumberOfFrames", 1)) > 1:
+        what = f"has no {', '.join(lacking)}" if lacking else f"holds {head.NumberOfFrames} frames"
+        raise InputError(f"{path}: {what}: must be one slice with its place in the body; {AS_ONE_FILE}")
+    if int(head.get("SamplesPerPixel", 1)) != 1:
+        raise InputError(f"{path}: has {head.SamplesPerPixel} samples per pixel: must be grey, with one")
+    position, orientation, spacing = (np.array(head[name].value, dtype=np.float64) for name in NEEDED[:3])
+    rows = orientation.reshape(2, 3)
+    unit = np.abs(rows @ rows.T - np.eye(2)).max() < SAME_DIRECTION
+    if not (unit and position.shape == (3,) and np.isfinite(position).all() and (spacing > 0.0).all()):
+        raise InputError(
+            f"{path}: place {position.tolist()}, directions {orientation.tolist()} and spacing "
+            f"{spacing.tolist()} of its pixels are none of a slice: it is damaged"
+        )
+    uid, words = (str(head.get(name, "")) for name in ("SeriesInstanceUID", "SeriesDescription"))
+    return Slice(path, uid, words, (int(head.Columns), int(head.Rows)), position, rows, spacing.reshape(2))
+
+
+def _check_one_series(folder: Path, slices: Sequence[Slice]) -> None:
+    found = Counter(one.series for one in slices)
     if len(found) > 1:
-        names = {
-            str(head.get("SeriesInstanceUID", "")): str(head.get("SeriesDescription", "")) or "no description"
-            for head in heads.values()
-        }
+        names = {one.series: one.description or "no description" for one in slices}
         said = "; ".join(f"{names[uid]}: {count} files" for uid, count in found.items())
         raise InputError(
             f"{folder}: holds {len(found)} series ({said[:300]}); put the one that the prior was segmented "
@@ -99,41 +131,25 @@ def _check_one_series(folder: Path, heads: dict[Path, Any]) -> None:
         )
 
 
-def _check_slice(path: Path, head: Any) -> None:
-    """Raise InputError for a file that is no slice of grey values with its place in the body."""
-    lacking = [name for name in NEEDED if head.get(name) is None]
-    if lacking or int(head.get("NumberOfFrames", 1)) > 1:
-        what = f"has no {', '.join(lacking)}" if lacking else f"holds {head.NumberOfFrames} frames"
-        raise InputError(f"{path}: {what}: must be one slice with its place in the body; {AS_ONE_FILE}")
-    if int(head.get("SamplesPerPixel", 1)) != 1:
-        raise InputError(f"{path}: has {head.SamplesPerPixel} samples per pixel: must be grey, with one")
-
-
-def _ordered(folder: Path, heads: dict[Path, Any]) -> Series:
-    first = next(iter(heads.values()))
-    rows = np.reshape(np.array(first.ImageOrientationPatient, dtype=np.float64), (2, 3))
-    sizes = {(int(head.Columns), int(head.Rows)) for head in heads.values()}
-    spacings = np.array([head.PixelSpacing for head in heads.values()], dtype=np.float64)
-    directions = np.array([head.ImageOrientationPatient for head in heads.values()], dtype=np.float64)
-    turned = np.abs(directions - directions[0]).max() > SAME_DIRECTION
-    if len(sizes) > 1 or np.ptp(spacings, axis=0).max() > SAME_DIRECTION or turned:
+def _ordered(folder: Path, slices: Sequence[Slice]) -> Series:
+    sizes = {one.size for one in slices}
+    spacings, rows = np.array([one.spacing for one in slices]), np.array([one.rows for one in slices])
+    if len(sizes) > 1 or max(np.ptp(spacings, axis=0).max(), np.ptp(rows, axis=0).max()) > SAME_DIRECTION:
         raise InputError(
             f"{folder}: its slices differ in size, in spacing or in direction, so they are no one volume; "
             "leave out the ones of another kind, such as localizers"
         )
-    places = np.array([head.ImagePositionPatient for head in heads.values()], dtype=np.float64)
-    along = places @ np.cross(*rows)
-    order = np.argsort(along, kind="stable")
-    _check_steps(folder, along[order])
-    count = len(order)
+    normal = np.cross(*rows[0])
+    ordered = sorted(slices, key=lambda one: float(one.position @ normal))
+    _check_steps(folder, np.array([one.position @ normal for one in ordered]))
+    first, last, count = ordered[0], ordered[-1], len(ordered)
     affine = np.eye(4)
-    affine[:3, 0], affine[:3, 1] = rows[0] * spacings[0, 1], rows[1] * spacings[0, 0]
-    affine[:3, 2] = (places[order[-1]] - places[order[0]]) / (count - 1)
-    affine[:3, 3] = places[order[0]]
-    files = list(heads)
-    (size,) = sizes
+    affine[:3, 0], affine[:3, 1] = first.rows[0] * first.spacing[1], first.rows[1] * first.spacing[0]
+    affine[:3, 2] = (last.position - first.position) / (count - 1)
+    affine[:3, 3] = first.position
     where = f"{folder}: place and direction of its slices"
-    return Series(folder, tuple(files[k] for k in order), (*size, count), check_affine(where, affine))
+    files = tuple(one.path for one in ordered)
+    return Series(folder, files, (*first.size, count), check_affine(where, affine))
 
 
 def _check_steps(folder: Path, along: Array) -> None:
