@@ -31,6 +31,7 @@ from o3dls.io.points import write_points
 from o3dls.io.surfaces import read_surface_file, write_surface
 from tests.finished import bulged_case
 from tests.oblique import FORMATS, affine, ball_image, meta, write, write_series
+from tests.tiny import disc_case
 
 INSIDE = np.random.default_rng(31_977).uniform(-25.0, 25.0, size=(400, 3))
 WALL = bulged_case().prior.vertices
@@ -380,3 +381,12 @@ def test_a_damaged_image_is_read_within_bounds_or_refused(name: str, tmp_path: P
             said.append(str(error))
     assert len(said) > 20  # what is packed has a checksum, so that all are refused
     assert all(str(tmp_path) in one for one in said)
+
+
+def test_a_case_in_the_plane_has_no_image(tmp_path: Path) -> None:
+    write_case(tmp_path / "case", disc_case())
+    write(tmp_path, "a.nrrd", ball_image())
+    toml = tmp_path / "case" / "case.toml"
+    toml.write_text(toml.read_text() + 'image = "../a.nrrd"\n')
+    with pytest.raises(InputError, match="an image belongs to a prior in 3D, in mm"):
+        read_case(tmp_path / "case")
