@@ -54,7 +54,7 @@ def press(visit: Visit, name: str) -> None:
 
 
 def rest(visit: Visit) -> None:
-    """Wait until the pictures stay as they are: 150 ms after the last one the page looks what the wall hides."""
+    """Wait until the pictures stay as they are: after 150 ms the page looks for what the wall hides."""
     for _ in range(20):
         shown = visit.picture(0)
         visit.page.wait_for_timeout(400)

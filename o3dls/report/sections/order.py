@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...parallel import both
 from ..checks import checks
 from ..drawing.distance_charts import spread_section
 from ..drawing.pictures import static_pictures
@@ -47,7 +48,9 @@ def picture_section(subject: Subject) -> Section | None:
     )
     note = tag("p", shapes + frame + more, class_="soft")
     doubts = doubted_regions(subject, checks(subject))[:NAMED]
-    drawn = join(static_pictures(subject), viewer_scripts(scene(subject, doubts)), note)
+    # compiled loops fill pictures on one core while the scene is packed on the other
+    whole, flat = both(lambda: scene(subject, doubts), lambda: static_pictures(subject))
+    drawn = join(flat, viewer_scripts(whole), note)
     return Section("pictures", "Side by side", drawn)
 
 

@@ -13,7 +13,7 @@ from ...estimate import Estimate
 from ...geometry.similarity import apply, fit_similarity
 from ...geometry.surface import Surface
 from ...runs.run import Run
-from ...runs.scoring import scored
+from ...runs.scoring import score_sets, with_distances, with_held_out
 
 GIVEN = "given"
 STATUS = "the prior in the pose in which it was given"
@@ -33,20 +33,19 @@ def with_given(run: Run) -> Run:
     if GIVEN in run.estimates or step < SAME * case.prior.diagonal:
         return run
     given = {GIVEN: Estimate(case.prior.transformed(T), T, STATUS)}
-    fitted = {GIVEN: run.fitted.get("start", ())}
-    judged = scored(case, given, fitted=fitted, left_out={}, pipeline=run.provenance.pipeline)
+    fitted = run.fitted.get("start", ())
     column = f"distance_{GIVEN}_{run.unit}"
-    held_out = run.held_out
-    if held_out is not None and judged.held_out is not None:
-        far = judged.held_out.columns[column]
-        held_out = replace(held_out, columns={**held_out.columns, column: far})
+    far = with_distances(case, given, {}).columns[column]
+    held_out, judged = run.held_out, with_held_out(case, given)
+    if held_out is not None and judged is not None:
+        held_out = replace(held_out, columns={**held_out.columns, column: judged.columns[column]})
     return replace(
         run,
         estimates={**given, **run.estimates},
-        fitted={**judged.fitted, **run.fitted},
-        scores={**judged.scores, **run.scores},
+        fitted={GIVEN: fitted, **run.fitted},
+        scores={GIVEN: score_sets(case, given[GIVEN], fitted), **run.scores},
         validity={GIVEN: run.validity["start"], **run.validity},
-        points=replace(run.points, columns={**run.points.columns, column: judged.points.columns[column]}),
+        points=replace(run.points, columns={**run.points.columns, column: far}),
         held_out=held_out,
         ends_with=run.final,
     )
