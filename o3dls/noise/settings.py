@@ -54,6 +54,18 @@ class ContactSettings:
 
 
 @dataclass(frozen=True)
+class CurvedWallSettings:
+    """These settings say how far the curvature of a wall is believed."""
+
+    most_curvature: float = number(
+        5.0, "1 / rms radii", "largest curvature of a wall: larger ones are noise of the mesh"
+    )
+    most_bias: float = number(
+        0.6, "1", "noise times curvature above which the bias of a curved wall is not to be trusted"
+    )
+
+
+@dataclass(frozen=True)
 class DuplicateSettings:
     """These settings say when points are so close together that they are one place of the catheter, and no
     new evidence.

@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import ROUNDING, Array
+from ..geometry.differential import normals_and_curvature
 from ..geometry.similarity import rms_radius
-from ..geometry.surface import Surface
+from ..geometry.surface import Surface, interpolated
 from ..noise.contact import Contact, inside_point_weights, update_contact
+from ..noise.curved_wall import curved_wall_bias
 from ..noise.robust import MAD_TO_SD
 from ..parallel import one_blas_thread
 from .field.amplitude import amplitudes
@@ -63,6 +65,11 @@ def reconstruct(
     prior = MovedPrior.of(surface, points, spacing, settings.splines.clip * radius)
     if not (prior.box < 0.0).any():  # thinner than the lattice: there is no inside to begin with
         return None
+    if believed.template:  # its walls look elsewhere and bend otherwise: planes through points are believed
+        settings = replace(settings, normals=settings.normals.of_template())
+    else:
+        believed = _take_off_bias(believed, prior, settings)
+    points = believed.points
     given = _Given(believed, prior, scale, settings)
     weights = clusters_believed(points, believed.weights, prior, scale.between, settings)
     if not given.enough(weights):
@@ -84,6 +91,20 @@ def reconstruct(
     inside, between = believed.inside.points, scale.between
     known = radius, between, lengths, inside, contact, believed.template
     return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
+
+
+def _take_off_bias(believed: Believed, prior: MovedPrior, settings: ReconstructionSettings) -> Believed:
+    """Return the points without the mean that noise along a curved wall gives their distances from it: it
+    would look like a wall that lies farther out.
+    """
+    surface, curved = prior.surface, settings.curved
+    limit = curved.most_curvature / rms_radius(surface.vertices)
+    normals, bends = normals_and_curvature(surface.vertices, surface.faces, limit)
+    _, face, _, weights = prior.tree.query(believed.points)
+    corners = surface.faces[face]
+    outward = interpolated(normals, corners, weights)
+    bias = curved_wall_bias(believed.noise, interpolated(bends, corners, weights), curved)
+    return replace(believed, points=believed.points - bias[:, None] * outward)
 
 
 def _weigh_evidence(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Array] | None:
@@ -186,7 +207,8 @@ def oriented_by_others(
     chosen = settings.normals
     believed = weights > 0.5
     around = max(chosen.radius * radius, chosen.radius_noise * float(np.median(noise)))
-    normals, middle, reach = planes(points, believed, around, chosen)
+    found = planes(points, believed, around, chosen)
+    normals = found.normals
     gap = nearest(points[believed], points[believed], NEAREST + 1)[0][:, -1]
     areas = np.pi * gap**2 / NEAREST
     areas = np.minimum(areas, settings.normals.largest_area * np.median(areas))
@@ -195,12 +217,13 @@ def oriented_by_others(
     like = nearest(points[believed], points[~believed], 1)[1][:, 0]
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]
-    heights = ((points - middle) * normals).sum(axis=1)
+    heights = ((points - found.middles) * normals).sum(axis=1)
     # a point so far off the plane of the others lies on a wall that turns
-    tilt = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / reach
+    turn = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / found.reach
+    tilt = np.hypot(turn, found.tilt)
     amplitude = np.zeros(len(points)) if before is None else before.amplitude
     feet = points - heights[:, None] * normals
-    return Oriented(feet, heights, normals, tilt, noise, weights, amplitude)
+    return Oriented(feet, heights, normals, tilt, found.flat, noise, weights, amplitude)
 
 
 def _estimate_noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from ..noise.settings import CurvedWallSettings
 from ..settings import number
 from .shape_settings import HandleSettings, OwnPartSettings, SurplusSettings
 
@@ -84,6 +85,12 @@ class NormalSettings:
     )
     least: int = number(12, "points", "fewest points in a neighbourhood, however far they are")
     most: int = number(64, "points", "most points in a neighbourhood")
+    flat: float = number(
+        0.45,
+        "1",
+        "smallest over middle variance of neighbours below which their normal can show another wall",
+    )
+    most_tilt: float = number(1.5, "rad", "largest deviation of a normal: such a one says nothing")
     height_noise: float = number(
         1.4,
         "noise levels",
@@ -123,6 +130,12 @@ class NormalSettings:
     prior_distance: float = number(
         2.5, "distances between points", "distance from all points beyond which the prior's wall counts"
     )
+
+    def of_template(self) -> NormalSettings:
+        """Return these settings for a template, whose walls often look elsewhere: any normal can show that,
+        and each is taken as it is.
+        """
+        return replace(self, flat=1.0, most_tilt=0.0)
 
 
 @dataclass(frozen=True)
@@ -218,6 +231,7 @@ class ReconstructionSettings:
     unmapped: float = number(
         1.5, "distances between points", "distance to the nearest point above which wall was not visited"
     )
+    curved: CurvedWallSettings = field(default_factory=CurvedWallSettings)
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from ..arrays import Array
 from ..noise.contact import Contact, inside_point_weights
+from ..noise.curved_wall import curved_wall_bias
 from ..noise.likelihood import Likelihood
 from ..noise.robust import robust_sd
 from .settings import ObservationSettings
@@ -72,10 +73,7 @@ def observe(
     sigma = relative * max(known, settings.exact_noise * wall.radius)
     likelihood = Likelihood(sigma, _expect_contact(wall, noise, settings), one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
-    # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its
-    # curvatures
-    curved = np.clip(sigma * bend, -settings.most_bias, settings.most_bias)
-    bias = np.where(one_sided, 0.0, 0.5 * sigma * curved)
+    bias = np.where(one_sided, 0.0, curved_wall_bias(sigma, bend, settings.curved))
     seen = Measured(points, distance, likelihood, bias)
     active = _active_inside_points(wall, points, one_sided, distance > 0.0, settings)
     return seen.of(~one_sided | (distance <= 0.0) | active)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..noise.settings import ContactSettings
+from ..noise.settings import ContactSettings, CurvedWallSettings
 from ..settings import number
 
 
@@ -21,12 +21,7 @@ class ObservationSettings:
     exact_noise: float = number(
         4e-6, "rms radii", "smallest noise, for points that lie exactly on the surface"
     )
-    most_curvature: float = number(
-        5.0, "1 / rms radii", "largest curvature of a wall: larger ones are noise of the mesh"
-    )
-    most_bias: float = number(
-        0.6, "1", "noise times curvature above which the bias of a curved wall is not to be trusted"
-    )
+    curved: CurvedWallSettings = field(default_factory=CurvedWallSettings)
     contact: ContactSettings = field(default_factory=ContactSettings)
 
 

@@ -18,7 +18,7 @@ class Wall:
     """
 
     def __init__(self, surface: Surface, settings: ObservationSettings | None = None) -> None:
-        most = (settings or ObservationSettings()).most_curvature
+        most = (settings or ObservationSettings()).curved.most_curvature
         self.surface = surface
         self.faces = surface.faces
         self.radius = rms_radius(surface.vertices)

@@ -111,14 +111,14 @@ def test_normals_point_outward_on_a_vein_that_the_prior_lacks() -> None:
     points = sampled(TUBED, 1500, 0.3, SEED)
     settings = ReconstructionSettings().normals
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
-    normals, middle, reach = planes(points, np.ones(len(points), dtype=bool), 3.0, settings)
+    found = planes(points, np.ones(len(points), dtype=bool), 3.0, settings)
     areas = np.pi * nearest(points, points, 9)[0][:, -1] ** 2 / 8.0
-    outward = turned_outward(points, normals, areas, prior, settings)
+    outward = turned_outward(points, found.normals, areas, prior, settings)
     truth = TUBED.face_normals[ClosestPoint(TUBED.vertices, TUBED.faces).query(points)[1]]
     assert ((outward * truth).sum(axis=1) < 0.0).mean() < 0.01
     # the plane is that of the others: it follows the wall, not the noise of the point
-    assert np.abs(distances(middle, TUBED)).mean() < 0.3
-    assert 1.0 < np.median(reach) < 3.0  # within the radius that was asked for
+    assert np.abs(distances(found.middles, TUBED)).mean() < 0.3
+    assert 1.0 < np.median(found.reach) < 3.0  # within the radius that was asked for
 
 
 def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowhere_else() -> None:
@@ -134,6 +134,36 @@ def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowh
     truth = block.face_normals[ClosestPoint(block.vertices, block.faces).query(wall.feet)[1]]
     angle = np.arccos(np.clip((wall.normals * truth).sum(axis=1), -1.0, 1.0))
     assert np.median(angle[~clear]) > 3.0 * np.median(angle[clear])
+
+
+def test_a_normal_is_as_uncertain_as_planes_through_other_noise_show() -> None:
+    rng = np.random.default_rng(SEED)
+    flat = np.c_[rng.uniform(-20.0, 20.0, (3000, 2)), np.zeros(3000)]
+    everywhere, inner = np.ones(3000, dtype=bool), (np.abs(flat[:, :2]) < 12.0).all(axis=1)
+    found = [
+        planes(flat + rng.normal(0.0, 0.5, flat.shape), everywhere, 4.0, ReconstructionSettings().normals)
+        for _ in range(8)
+    ]
+    along = np.array([np.abs(one.normals[inner, 2]) for one in found])
+    angle = np.sqrt(np.mean(np.arccos(np.minimum(along, 1.0)) ** 2) / 2.0)  # two directions
+    told = np.mean([one.tilt[inner] for one in found])
+    assert 1.0 < told / angle < 1.5  # told is that about the less certain axis of the two
+    assert all(one.flat[inner].mean() > 0.99 for one in found)
+
+
+def test_normals_of_a_thin_vein_under_noise_are_none() -> None:
+    rng = np.random.default_rng(SEED)
+    turn, height = rng.uniform(0.0, 2.0 * np.pi, 2000), rng.uniform(-20.0, 20.0, 2000)
+    tube = np.c_[3.0 * np.cos(turn), 3.0 * np.sin(turn), height] + rng.normal(0.0, 1.5, (2000, 3))
+    found = planes(tube, np.ones(2000, dtype=bool), 6.0, ReconstructionSettings().normals)
+    assert found.flat.mean() < 0.05
+
+
+@pytest.mark.parametrize("shape", [BALL, TUBED], ids=["ball", "with a tube"])
+def test_noise_on_a_curved_wall_is_no_other_wall(shape: Surface) -> None:
+    points = sampled(shape, 4000, 1.5, SEED)
+    known = believed(points, sigma=1.5)
+    assert reconstructed(shape, known, "mm", 1.0, isosurface) is None
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -297,6 +327,7 @@ def oriented(points: Array, prior: Surface) -> Oriented:
         heights,
         normals,
         np.zeros(count),
+        np.ones(count, dtype=bool),
         np.full(count, SIGMA),
         np.full(count, 0.95),
         np.zeros(count),
@@ -402,7 +433,9 @@ def test_a_part_of_ones_own_is_lost_only_where_points_close_its_mouth(least: flo
     without_tube = MovedPrior.of(BALL, np.vstack([points, TUBED.vertices]), 1.0, 4.8).box
     noise = np.full(count, SIGMA)
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
-    wall = Oriented(points, np.zeros(count), normals, np.zeros(count), noise, *np.ones((2, count)))
+    wall = Oriented(
+        points, np.zeros(count), normals, np.zeros(count), np.full(count, True), noise, *np.ones((2, count))
+    )
     lattices, nobody = SplineField([], []), np.zeros((0, 3))
     rebuilt_wall = Reconstruction(
         prior, lattices, wall, SIGMA, np.ones(count), 50.0, 16.0, 1.8, [5.0], nobody, CONTACT
@@ -442,7 +475,9 @@ def test_a_part_is_there_if_it_leads_to_points_that_span_a_surface(points: int, 
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     points = sampled(BALL, 2000, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
-    rest = Oriented(points, np.zeros(2000), points / 16.0, np.zeros(2000), *np.ones((3, 2000)))
+    rest = Oriented(
+        points, np.zeros(2000), points / 16.0, np.zeros(2000), np.full(2000, True), *np.ones((3, 2000))
+    )
     lattices = SplineField([], [])
     found = Reconstruction(
         prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3)), CONTACT
@@ -467,7 +502,9 @@ def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_bo
 
     points = sampled(BALL, 300, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 4.0)
-    wall = Oriented(points, np.zeros(300), points / 16.0, np.zeros(300), *np.ones((3, 300)))
+    wall = Oriented(
+        points, np.zeros(300), points / 16.0, np.zeros(300), np.full(300, True), *np.ones((3, 300))
+    )
     found = Reconstruction(
         prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3)), CONTACT
     )

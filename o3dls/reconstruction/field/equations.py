@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import KDTree
 
-from ...arrays import TINY, Array
+from ...arrays import TINY, Array, Mask
 from ..settings import SplineSettings
 from .moved_prior import MovedPrior
 from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
@@ -21,9 +20,9 @@ NEAREST = 8  # points whose distance tells how much of the wall a point stands f
 @dataclass(frozen=True, eq=False)
 class Oriented:
     """Oriented points show a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places
-    near the wall; by how much each normal may be off (n,) in radians, beyond what is usual; the noise (n,) of
-    each point, the probability (n,) that it touches, and the deviation (n,) of the field there before points
-    are seen.
+    near the wall; by how much each normal may be off (n,) in radians, beyond what is usual; whether (n,) the
+    neighbours lie in a plane, so that the normal shows where the wall looks; the noise (n,) of each point,
+    the probability (n,) that it touches, and the deviation (n,) of the field there before points are seen.
 
     Noise moves a point along the normal too: a field that is read where the points are follows it.
     """
@@ -32,6 +31,7 @@ class Oriented:
     heights: Array
     normals: Array
     tilt: Array
+    flat: Mask
     noise: Array
     weights: Array
     amplitude: Array
@@ -41,7 +41,7 @@ class Oriented:
         """Where they were measured (n, 3)."""
         return self.feet + self.heights[:, None] * self.normals
 
-    def of(self, rows: NDArray[np.bool_]) -> Oriented:
+    def of(self, rows: Mask) -> Oriented:
         """Return the points of a mask (n,)."""
         return Oriented(*(values[rows] for values in vars(self).values()))
 
@@ -70,25 +70,26 @@ class OffSurface:
         return OffSurface(*(np.concatenate(pair) for pair in both))
 
 
-def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
-    """Return which points (n,) have another normal than the moved prior next to them."""
-    return np.asarray((prior.slope(wall.feet) * wall.normals).sum(axis=1) < settings.offset_cosine)
+def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Mask:
+    """Return which points (n,) lie in a plane with another normal than the moved prior next to them."""
+    cosine = (prior.slope(wall.feet) * wall.normals).sum(axis=1)
+    return np.asarray(wall.flat & (cosine < settings.offset_cosine))
 
 
-def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Mask:
     """Return which points (n,) show a wall off the moved prior's, or one that looks elsewhere."""
     off = _find_off_wall(wall, prior, settings)
     return off & ~_find_floating(wall, off, prior, settings)
 
 
-def floating(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+def floating(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Mask:
     """Return which points (n,) inside the moved prior show no wall, many as they may be: the wall in front of
     them has points of its own, or they lie sparser than points of a wall do.
     """
     return _find_floating(wall, _find_off_wall(wall, prior, settings), prior, settings)
 
 
-def _find_off_wall(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+def _find_off_wall(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Mask:
     """Find the points (n,) that lie off the moved prior's wall, or whose normal differs from its, if most
     points around them do so too: a single such point is more likely an outlier.
     """
@@ -98,9 +99,7 @@ def _find_off_wall(wall: Oriented, prior: MovedPrior, settings: SplineSettings) 
     return np.asarray(off & (off[around].mean(axis=1) > 0.5))
 
 
-def _find_floating(
-    wall: Oriented, apart: NDArray[np.bool_], prior: MovedPrior, settings: SplineSettings
-) -> NDArray[np.bool_]:
+def _find_floating(wall: Oriented, apart: Mask, prior: MovedPrior, settings: SplineSettings) -> Mask:
     believed = wall.weights > 0.5
     rows = np.flatnonzero(apart & (prior.at(wall.points) < 0.0))
     on_prior = wall.feet[believed & ~apart]
@@ -117,7 +116,7 @@ def _find_floating(
 
 
 def off_surface(
-    wall: Oriented, off: NDArray[np.bool_], prior: MovedPrior, radius: float, settings: SplineSettings
+    wall: Oriented, off: Mask, prior: MovedPrior, radius: float, settings: SplineSettings
 ) -> OffSurface:
     """Put known values of phi on both sides of the points that are `off` (n,) the moved prior: what was wall
     there is none, and what was not inside is (Carr et al. 2001). Places that other points are nearer to are

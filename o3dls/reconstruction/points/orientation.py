@@ -4,12 +4,13 @@ agrees.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
-from ...arrays import ROUNDING, Array, Ints
+from ...arrays import ROUNDING, Array, Ints, Mask
 from ...geometry.similarity import rms_radius
 from ..field.moved_prior import MovedPrior
 from ..neighbours import SEED, nearest
@@ -17,12 +18,22 @@ from ..settings import NormalSettings
 from .dipoles import DipolePlaces, cells
 
 
-def planes(
-    points: Array, believed: NDArray[np.bool_], radius: float, settings: NormalSettings
-) -> tuple[Array, Array, Array]:
-    """Fit planes through the believed points around each point: return their unit normals (n, 3), of either
-    side, a place (n, 3) on each, and the neighbours' mean distance (n,) from there.
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Planes through the neighbours of points have unit normals (n, 3), of either side, a place (n, 3) on
+    each, the neighbours' mean distance (n,) from there, the standard deviation (n,) of each normal in radians
+    that the neighbours' scatter leaves, and whether (n,) the neighbours lie in a plane at all.
     """
+
+    normals: Array
+    middles: Array
+    reach: Array
+    tilt: Array
+    flat: Mask
+
+
+def planes(points: Array, believed: Mask, radius: float, settings: NormalSettings) -> Planes:
+    """Fit planes through the believed points around each point (n, 3)."""
     rows = np.flatnonzero(believed)
     chosen = rows[_thin_points(points[rows], settings.thinning * radius)]
     if len(chosen) < settings.least:
@@ -38,7 +49,13 @@ def planes(
     spread = np.einsum("nk,nka,nkb->nab", weight, apart, apart)
     squares, axes = np.linalg.eigh(spread)
     reach = np.sqrt(squares.sum(axis=1) / weight.sum(axis=1))
-    return axes[:, :, 0], middle, reach
+    thick, narrow = squares[:, 0], squares[:, 1]
+    along = np.einsum("nka,na->nk", apart, axes[:, :, 1])
+    pull = ((weight * along) ** 2).sum(axis=1) / weight.sum(axis=1)
+    # the first-order deviation of an eigenvector; where two directions scatter alike there is no normal
+    tilt = np.sqrt(thick * pull) / np.maximum(narrow - thick, ROUNDING)
+    flat = thick <= settings.flat * narrow
+    return Planes(axes[:, :, 0], middle, reach, np.minimum(tilt, settings.most_tilt), flat)
 
 
 def _thin_points(points: Array, width: float) -> Ints:
