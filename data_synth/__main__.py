@@ -13,6 +13,7 @@ from o3dls import Case, InputError, write_case
 
 from . import Mapping, atrium, cross, family, jar, read_wall, roughened, star, study, write_study
 from .families import FAMILIES
+from .grey import write_enhanced
 
 SEED = click.option("--seed", type=click.IntRange(min=0), default=7, show_default=True)
 FORCE = click.option("--force", is_flag=True, help="replace an earlier case in the same folder")
@@ -212,6 +213,19 @@ def _cross(
         return cross(one, other, seed, landmarks=landmarks, how=Mapping(**how))
 
     _write(folder, made, force)
+
+
+@main.command("enhanced")
+@FOLDER
+@SEED
+@FORCE
+def _enhanced(folder: Path, seed: int, force: bool) -> None:
+    """The atrium of a seed with a late enhancement image of its prior."""
+    try:
+        case = write_enhanced(folder, seed, force=force)
+    except InputError as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(f"{folder}: {case.notes}")
 
 
 @main.command("study")

@@ -156,8 +156,8 @@ class Case:
     units: str = "mm"
     frame: str = "unknown"  # of the points
     prior_frame: str = "unknown"
-    # what is exported on the prior is in them again; None: `units`
-    prior_file_units: str | None = None
+    prior_file_units: str | None = None  # what is exported on the prior is in them again; None: `units`
+    image: Mapping[str, str] = field(default_factory=dict)  # of a grey image of the prior: path, sha256
     # one of PRIOR_OF: only a template's parts may be removed because the map lacks points on them
     prior_of: str = "patient"
     notes: str = ""

@@ -30,6 +30,14 @@ def follow_links(path: str | Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def seen_from(path: Path, folder: Path) -> str:
+    """Return a path as seen from the folder; whole where there is no way from the one to the other."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # the two are on different drives
+        return path.resolve().as_posix()
+
+
 def check_inside(path: Path, folder: Path) -> None:
     """Raise InputError unless `path`, which stands below a folder, is there or would be: no name on the way
     down is a link, or leads up again. The folder itself may be a link, as its user named it.

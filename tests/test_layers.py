@@ -61,6 +61,7 @@ ROOMS = {
         "clouds/",
         "meshes/carto/",
         "images/",
+        "grey/",
         "matlab/",
         ".",  # surfaces, which chooses among them; transforms; the case
         "mapping/",
@@ -78,12 +79,13 @@ ROOMS = {
         "grading/",
         "checks",
         "drawing/",
+        "stacks/",
         "sections/",
         "page",
         "cohort/",
         ".",  # writer, and the ways to look at a page
     ),
-    "runs": (".", "export/", "live"),
+    "runs": (".", "export/", "image/", "live"),
 }
 KERNELS = (
     "geometry",

@@ -9,7 +9,7 @@ from conftest import ROOT
 from test_readme import BLOCK, execute
 
 PAGES = (
-    *("start", "points", "landmarks", "pipeline_file", "frames_and_units", "label_volumes"),
+    *("start", "points", "landmarks", "pipeline_file", "frames_and_units", "label_volumes", "image"),
     *("tutorial_icp", "tutorial_python", "tutorial_cohort", "tutorial_organs"),
 )
 

@@ -59,7 +59,7 @@ def _report_failure(sentence: str, code: int) -> int:
 # what people come for, and the commands that do it
 TASKS = {
     "From a case to a run": ("demo", "init", "import", "check", "run", "batch"),
-    "Look at runs": ("report", "view", "next", "compare", "cohort"),
+    "Look at runs": ("report", "view", "slices", "wall", "next", "compare", "cohort"),
     "While a map is being taken": ("live", "send"),
     "Files for other programs": ("convert", "export", "carry"),
     "About the program": ("stages", "settings", "names", "schema", "doctor", "paper"),

@@ -1,15 +1,19 @@
-"""Options that several commands share: what is printed, and how."""
+"""Options that several commands share, and what is asked for where none is given."""
 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
 from ..case import PRIOR_OF
 from . import completion
+from .words import FILE
 
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
 overrides = click.option(
@@ -30,6 +34,11 @@ def prior_choice(command: Any) -> Any:
                 "--prior-of",
                 type=click.Choice(PRIOR_OF),
                 help="whose anatomy the prior is (default: patient); template: another person's or a mean",
+            ),
+            click.option(
+                "--image",
+                type=FILE,
+                help="grey image that the prior was segmented in: NIfTI, NRRD, MetaImage, or a DICOM folder",
             ),
             click.option("--cap", is_flag=True, help="close the openings of the prior"),
             click.option("--label", type=int, help="label volume: the label to take"),
@@ -91,3 +100,26 @@ def _print_from(level: int) -> Callable[[click.Context, click.Parameter, bool], 
                 handler.setLevel(level)
 
     return heed
+
+
+def ask_files(
+    prior: Path | None, points: Path | None, landmarks: Path | None
+) -> tuple[Path, Path, Path | None]:
+    """Ask for those files of a new case that are not given."""
+    missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
+    ask = partial(click.prompt, err=True, show_default=False)
+    prior = prior or Path(ask("Prior: file of the surface or label volume"))
+    points = points or Path(ask("Points: table with columns x, y, z and type, or a cloud"))
+    if landmarks is None and (
+        named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
+    ):
+        landmarks = Path(named)
+    return prior, points, landmarks
+
+
+def ask_whose() -> str:
+    """Ask on the terminal whose anatomy the prior of a new case is."""
+    question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
+    return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))

@@ -1,18 +1,17 @@
-"""Commands that make runs, and what they are made of: demo, run, init, check, stages, schema, paper."""
+"""Commands that make runs, and what they are made of: demo, run, init, check, stages, schema, paper; and
+slices, which draws a run on the image that it began with.
+"""
 
 from __future__ import annotations
 
 import shlex
-import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..case import PRIOR_OF
 from . import completion
-from .options import as_json, overrides, prior_choice, progress
+from .options import as_json, ask_files, ask_whose, overrides, prior_choice, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
 
 if TYPE_CHECKING:
@@ -120,34 +119,11 @@ def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) 
     from ..pipeline.new_case import make_case
 
     if prior is None or points is None:
-        prior, points, options["landmarks"] = _ask_files(prior, points, options["landmarks"])
-        options["prior_of"] = options["prior_of"] or _ask_whose()
+        prior, points, options["landmarks"] = ask_files(prior, points, options["landmarks"])
+        options["prior_of"] = options["prior_of"] or ask_whose()
     pipeline = make_case(folder, prior, points, **options)
     say(pipeline)
     say(f"to run it: o3dls run {shlex.quote(str(pipeline))}", error=True)
-
-
-def _ask_files(
-    prior: Path | None, points: Path | None, landmarks: Path | None
-) -> tuple[Path, Path, Path | None]:
-    """Ask for those files of a new case that are not given."""
-    missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
-    if not sys.stdin.isatty():
-        raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
-    ask = partial(click.prompt, err=True, show_default=False)
-    prior = prior or Path(ask("Prior: file of the surface or label volume"))
-    points = points or Path(ask("Points: table with columns x, y, z and type, or a cloud"))
-    if landmarks is None and (
-        named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
-    ):
-        landmarks = Path(named)
-    return prior, points, landmarks
-
-
-def _ask_whose() -> str:
-    """Ask on the terminal whose anatomy the prior of a new case is."""
-    question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
-    return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))
 
 
 @click.command()
@@ -206,6 +182,46 @@ def paper(out: Path, quick: bool, force: bool) -> None:
     from ..paper.compute import make
 
     say(make(out, quick=quick, force=force))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--out", type=FOLDER, help="folder for the pictures; default: slices in the run folder")
+@click.option("--image", type=FILE, help="image of the prior, where the run has none or it stands elsewhere")
+def slices(run_folder: Path, out: Path | None, image: Path | None) -> None:
+    """Draw slices of the prior's image with the contours of prior, ICP and result, as PNG files."""
+    from ..report.stacks.pictures import write_slices
+
+    say(write_slices(run_folder, out, image))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--layer",
+    type=float,
+    nargs=2,
+    default=(0.5, 2.0),
+    show_default=True,
+    help="distances from the surface in mm, outward positive",
+)
+@click.option(
+    "--take",
+    type=click.Choice(["mean", "max"]),
+    default="mean",
+    show_default=True,
+    help="mean or largest value of the layer",
+)
+@click.option("--out", type=FOLDER, help="folder for the files; default: wall in the run folder")
+@click.option("--image", type=FILE, help="image of the prior, where the run has none or it stands elsewhere")
+def wall(run_folder: Path, layer: tuple[float, float], take: Any, **options: Any) -> None:
+    """Sample the prior's image on the wall: values, and ratios to the blood, on prior, result and points."""
+    from ..evaluation.wall_image import Layer
+    from ..runs.image.values import write_image_values
+
+    target, found = write_image_values(run_folder, Layer(*layer, take), **options)
+    say(f"blood {found.blood.mean:.4g}, sd {found.blood.sd:.3g}, {found.blood.places} places")
+    say(target)
 
 
 def _require_value(value: Path | None, option: str) -> Path:

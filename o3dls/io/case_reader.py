@@ -16,6 +16,7 @@ from ..geometry.similarity import is_pose
 from .case_coordinates import check_common_units, check_scale, coordinates, in_frame, millimetres_per_unit
 from .case_settings import Folder, lines_said, open_folder
 from .case_surfaces import phases_of, surface_of, truth_of
+from .grey.of_case import image_of, with_image
 from .markups import read_markups
 from .points import describe_columns, points_of, read_points_table, scaled
 from .table import Table, read_table
@@ -69,7 +70,15 @@ def read_case(
     given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
     with hashed_reads() as read, lines_said():
         opened = open_folder(Path(folder), given)
-        return replace(case_of(opened, points, fewest), files=opened.hashes(read))
+        case = case_of(opened, points, fewest)
+        return replace(with_image(case), files=opened.hashes(read))
+
+
+def read_kept_case(folder: Path) -> Case:
+    """Read the case that a run keeps; its image may have been moved since, and is not looked at."""
+    with hashed_reads() as read, lines_said():
+        opened = open_folder(folder, {})
+        return replace(case_of(opened), files=opened.hashes(read))
 
 
 def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWEST_POINTS) -> Case:
@@ -101,6 +110,7 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         frame=frame,
         prior_frame=prior.space,
         prior_file_units=_prior_file_units(opened, prior.units),
+        image=image_of(opened, prior),
         prior_of=opened.settings.get("prior_of", "patient"),
         notes=opened.settings.get("notes", ""),
         columns=columns,

@@ -31,6 +31,7 @@ TEXTS = (
     "form",
     "sidecar",
     "columns",
+    "image",
 )
 KEYS = dict.fromkeys((*TEXTS, *FILES), str) | {
     "dimension": int,

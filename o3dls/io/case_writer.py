@@ -60,6 +60,8 @@ def write_case_files(out: Path, case: Case) -> None:
     }
     if case.prior_file_units:
         settings["prior_file_units"] = case.prior_file_units
+    if case.image:
+        settings["image"] = case.image["path"]
     settings["notes"] = case.notes
     write_file(out / "case.toml", toml_lines(settings))
     write_surface(out / f"prior.{suffix}", case.prior, space=case.prior_frame, units=case.units)

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..case import MILLIMETRES as LENGTHS
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from .atomic import write_file
 from .documents import parse_json
+from .table import read_table
 from .text import cells_of, check_numbers, decode, read_bytes
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
@@ -208,3 +210,20 @@ def write_markups(path: str | Path, markups: Markups) -> None:
     }
     whole = {"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}
     write_file(path, json.dumps(whole, indent=1) + "\n")
+
+
+def read_places(path: Path) -> tuple[Markups, dict[str, str]]:
+    """Read Slicer markups or a table `name,x,y,z`, in mm where the units are stated, and a note of the units
+    where they are.
+
+    Raises InputError.
+    """
+    if path.suffix.lower() in (".json", ".fcsv"):
+        return read_markups(path), {"units": "mm"}
+    table = read_table(path, ("name", "x", "y", "z"))
+    units = table.notes.get("units", "unknown")
+    if units not in (*LENGTHS, "unknown"):
+        raise InputError(f"{path}: states units '{units}': must be one of {', '.join(LENGTHS)}")
+    xyz = np.column_stack([table.numbers(axis) for axis in "xyz"]) * LENGTHS.get(units, 1.0)
+    marks = Markups(tuple(table.columns["name"]), xyz, table.notes.get("space", "unknown"))
+    return marks, {} if units == "unknown" else {"units": "mm"}

@@ -39,12 +39,7 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
     `most` bytes or not readable.
     """
     path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file")
-    if not path.is_file():  # it can be read only once, or never ends
-        raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
+    _check_regular(path)
     try:
         if (size := path.stat().st_size) > most:
             raise InputError(f"{path}: has {size} bytes: must be at most {most}")
@@ -57,6 +52,30 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
         digest = hashlib.sha256(data).hexdigest()
         if hashes.setdefault(path.absolute(), digest) != digest:
             raise InputError(f"{path}: was changed while it was read; try again once it is whole")
+    return data
+
+
+def _check_regular(path: Path) -> None:
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    if not path.is_file():  # it can be read only once, or never ends
+        raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
+
+
+def read_head(path: Path, most: int) -> bytes:
+    """Read the first bytes of a file that need not fit into memory, at most so many. Raises InputError as
+    `read_bytes`.
+    """
+    _check_regular(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(most)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    if not data:
+        raise InputError(f"{path}: is empty")
     return data
 
 

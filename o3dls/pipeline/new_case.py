@@ -5,7 +5,6 @@ change.
 from __future__ import annotations
 
 import logging
-import os
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,11 @@ from ..errors import InputError
 from ..io.atomic import check_free, staged_folder, write_file
 from ..io.case_reader import case_of
 from ..io.case_settings import new_folder, toml_lines
+from ..io.grey.of_case import with_image
 from ..io.images.dicom import check_no_series
 from ..io.manifest import write_manifest
 from ..parallel import compiling_said
+from ..places import seen_from
 from ..plugins.catalogue import as_toml, commented, meaning
 from ..plugins.plugin import Plugin
 from .file import default_pipeline
@@ -53,6 +54,11 @@ CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
         None,
         "volume that a JSON file beside it contradicts: ignore or take what that says",
     ),
+    (
+        "image",
+        None,
+        "the grey image that the prior was segmented in: NIfTI, NRRD, MetaImage, or a DICOM series",
+    ),
     ("points", None, "the mapping points: columns x, y, z and type (eam, ablation, landmark, inside)"),
     ("columns", None, "which columns of the points these are, where headings do not say: bipolar=V1, x=East"),
     ("prior_landmarks", None, "places named on the prior, such as veins; pairs with landmarks of the points"),
@@ -82,6 +88,7 @@ def make_case(
     points: Path,
     *,
     landmarks: Path | None = None,
+    image: Path | None = None,
     out: Path | None = None,
     force: bool = False,
     **settings: Any,
@@ -89,12 +96,14 @@ def make_case(
     """Make a case folder that refers to a prior and to points, with a pipeline file that runs on it; gives
     the path of that file.
 
-    out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame,
-    prior_of, cap, label, part, box, layer, fill_slices, form, sidecar as case.toml has them; None: not given.
+    image: a grey image of the prior, which stays where it is. out: the run folder that the pipeline names, by
+    default `run` in the folder. settings: units, frame, prior_of, cap, label, part, box, layer, fill_slices,
+    form, sidecar as case.toml has them; None: not given.
     Raises InputError for all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
-    files = {"prior": prior, "points": points} | ({"prior_landmarks": landmarks} if landmarks else {})
+    more = {"prior_landmarks": landmarks, "image": image}
+    files = {"prior": prior, "points": points} | {role: path for role, path in more.items() if path}
     check_free(folder, force, "case", list(files.values()))
     for role, path in files.items():
         _check_file(role, path)
@@ -102,14 +111,14 @@ def make_case(
     _check_run(run, folder, list(files.values()))
     known = _gather_settings(folder, files, settings)
     with compiling_said():
-        case = case_of(new_folder(folder, known))
+        case = with_image(case_of(new_folder(folder, known)))
         plan = default_pipeline().allowed_by(case)
         if why := plan.refusals(case):
             raise InputError("; ".join(why))
-    relative = known | {role: _relative_path(path, folder) for role, path in files.items()}
+    relative = known | {role: seen_from(path, folder) for role, path in files.items()}
     with staged_folder(folder, force) as staged:
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
-        write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
+        write_file(staged / "pipeline.toml", _pipeline_text(plan, seen_from(run, folder)))
         write_manifest(staged)
     for line in column_table(case.columns):
         log.info("%s", line)
@@ -132,10 +141,10 @@ def _check_file(role: str, path: Path) -> None:
     option = f"--{role.removeprefix('prior_')} {path}"
     if role == "prior":
         check_no_series(path)
-    if path.is_dir():
+    if path.is_dir() and role != "image":
         study = "; if it is the export of a study, use o3dls import" if role == "points" else ""
         raise InputError(f"{option}: is a folder; name a file{study}")
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{option}: no such file")
 
 
@@ -145,14 +154,6 @@ def _check_run(run: Path, folder: Path, reads: list[Path]) -> None:
             f"--out {run}: is or holds the case, and a run would replace it; name another folder"
         )
     check_free(run, True, "run", reads)
-
-
-def _relative_path(path: Path, folder: Path) -> str:
-    """Return a path as seen from the folder; whole where there is no way from the one to the other."""
-    try:
-        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # the two are on different drives
-        return path.resolve().as_posix()
 
 
 def _case_lines(settings: dict[str, Any]) -> str:

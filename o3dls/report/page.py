@@ -29,18 +29,22 @@ def report_page(subject: Subject) -> str:
     return page(
         f"{subject.case.name}: {subject.last.name}",
         join(_page_head(subject), *(section.html() for section in found)),
+        *(script for section in found for script in section.scripts),
         links=contents(found),
+        styles=tuple(style for section in found for style in section.styles),
     )
 
 
-def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> str:
+def page(
+    title: str, body: Html, *scripts: str, links: Html | None = None, styles: tuple[str, ...] = ()
+) -> str:
     """Write a complete HTML document with the styles and the notice that every page of ours carries, with
-    these files of scripts, and with links to its sections beside it.
+    these files of scripts and of further styles, and with links to its sections beside it.
     """
     script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", "tables.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
-    style = variables() + "".join(map(asset, STYLES))
+    style = variables() + "".join(map(asset, (*STYLES, *styles)))
     columns = tag("div", links, tag("main", body), class_="columns" if links else None)
     whole = join(columns, footer, tag("script", Html(script)))
     return document(title, style, whole, [script, *viewer_code()])

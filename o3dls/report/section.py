@@ -17,13 +17,16 @@ class Section:
     """A section is a heading with what stands under it; `anchor` is its name in links and must be unique in
     the page.
 
-    The page's policy runs no scripts but those of o3dls and has no `style` attributes: draw in SVG with its
+    scripts and styles: files of the report's folder static that only a page with this section has. The page's
+    policy runs no scripts but those of o3dls and has no `style` attributes: draw in SVG with its
     own attributes, and use the classes of report.css.
     """
 
     anchor: str
     title: str
     body: Html
+    scripts: tuple[str, ...] = ()
+    styles: tuple[str, ...] = ()
 
     def html(self) -> Html:
         return tag("section", tag("h2", self.title), self.body, id=self.anchor)

@@ -25,6 +25,7 @@ from .record import EstimateRecord, WarningRecord, plain
 if TYPE_CHECKING:
     from ..motion.recorded import Motion, RecordedMotion, WallModes
 
+IN_WALL = "sd_in_wall_mm"  # field of the moved prior: deviation across its normals, where there is an image
 MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
 
 
@@ -71,7 +72,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
     if estimate.motion is None:
         return
     moved, deviation = move_prior(case.prior, estimate.motion)
-    moved = replace(moved, fields={f"sd_{case.units}": deviation})
+    moved = replace(moved, fields={f"sd_{case.units}": deviation, **_in_wall(case, estimate.motion, moved)})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
         table = np.column_stack([modes.places, modes.modes]).astype(
@@ -87,6 +88,21 @@ def move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
     """Return the prior where a motion brought it, and the deviation (n,) along its normals there."""
     moved = prior.with_vertices(motion(prior.vertices))
     return moved, motion.sd(prior.vertices, moved.vertex_normals)
+
+
+def _in_wall(case: Case, motion: Motion, moved: Surface) -> dict[str, Array]:
+    """Return the deviation (n,) of the prior's vertices across their normals, per direction in the wall, as a
+    field, for a case with an image; nothing where it is not known.
+    """
+    if not case.image:
+        return {}
+    if isinstance(earlier := getattr(motion, "moved", None), Surface):  # it was read, and knows no more
+        return {name: values for name, values in earlier.fields.items() if name == IN_WALL}
+    normals = moved.vertex_normals
+    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    both = [motion.sd(case.prior.vertices, way) for way in (across, np.cross(normals, across))]
+    return {IN_WALL: np.sqrt(np.mean(np.square(both), axis=0))}
 
 
 def _read_modes(path: Path, vertices: int) -> WallModes | None:

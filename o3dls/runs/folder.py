@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from ..case import Case
 from ..errors import InputError
-from ..io.case_reader import read_case
+from ..io.case_reader import read_kept_case
 from ..io.documents import read_json
 from ..io.manifest import MANIFEST, missing
 from ..io.points import read_points
@@ -66,7 +67,7 @@ def read_run(folder: str | Path) -> Run:
     """
     folder, found = Path(folder), read_record(folder)
     held_out, kept = folder / "held_out.csv", found.estimates
-    case = read_case(folder / "case")
+    case = replace(read_kept_case(folder / "case"), image=found.case.image)
     points = read_points(folder / "points.csv", case.dimension)
     for name in kept:
         values = points.columns.get(f"distance_{name}_{case.units}")
@@ -93,7 +94,8 @@ def repeats(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
     case.
     """
     found = read_record(folder)
-    return found.pipeline == plain(pipeline) and found.case.files == case.files
+    same = found.case.files == case.files and found.case.image == case.image
+    return same and found.pipeline == plain(pipeline)
 
 
 def is_done(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:

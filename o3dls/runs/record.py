@@ -107,6 +107,7 @@ class CaseRecord(_Part):
     prior_of: str = "patient"
     points: dict[str, int] = {}
     columns: dict[str, str] = {}
+    image: dict[str, str] = {}
     files: dict[str, str]
 
 

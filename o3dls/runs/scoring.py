@@ -133,12 +133,14 @@ def with_held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | Non
 
 def provenance(case: Case, pipeline: Record) -> Provenance:
     """Return how a run was made: its case, the record of the pipeline, versions, seeds, threads."""
+    image: dict[str, Any] = {"image": dict(case.image)} if case.image else {}
     return Provenance(
         schema=SCHEMA,
         case=CaseRecord(
             **{key: getattr(case, key) for key in ("name", "units", "frame", "dimension", "prior_of")},
             points=dict(sorted(Counter(case.points.type.tolist()).items())),
             columns=dict(case.columns),
+            **image,
             files=dict(sorted(case.files.items())),
         ),
         pipeline=plain(pipeline),

@@ -5,29 +5,37 @@ How far it moved, how sure that is, how near the data are.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from ..arrays import Array
 from ..case import Case, Points
+from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.distances import moved
 from ..evaluation.electrical import with_electrical
 from ..evaluation.interpolation import REACH
+from ..evaluation.transfer import between
+from ..evaluation.wall_image import Layer, values_on_wall
 from ..geometry.cut_wall import on_cut
 from ..geometry.similarity import apply
 from ..geometry.surface import Surface
+from ..io.grey.of_case import LABELS, open_kept_image
+
+log = logging.getLogger("o3dls")
 
 
 def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surface:
     """Return the surface with what is known of each vertex, and its own fields.
 
     These are `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`,
-    `prior_only` (1 farther than `REACH` from every such point, and where the image ended), and the electrical
-    values of the points carried to it (NaN where they are far).
+    `prior_only` (1 farther than `REACH` from every such point, and where the image ended), the electrical
+    values of the points carried to it (NaN where they are far), and `image_value` and `image_ratio` where the
+    case has a grey image of its prior.
 
     The points are those at the wall: eam, and ablation where these are among the types that were `fitted`.
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a
@@ -43,7 +51,29 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     fields["prior_only"] = ((gap > REACH) | on_cut(surface)).astype(np.float64)
     if estimate.motion is not None and f"sd_{unit}" not in surface.fields:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
-    return replace(surface, fields={**surface.fields, **fields})
+    return _with_image(case, estimate, replace(surface, fields={**surface.fields, **fields}))
+
+
+def _with_image(case: Case, estimate: Estimate, surface: Surface) -> Surface:
+    """Return the surface with the values of the case's image on its wall, carried by the motion."""
+    if not case.image or case.image.get("shows") == LABELS:
+        return surface
+    on_wall = _image_on_prior(case)
+    if on_wall is None:
+        return surface
+    return between(on_wall, surface, source_motion=partial(moved, estimate))
+
+
+@lru_cache(maxsize=1)  # the estimates of a run share their case
+def _image_on_prior(case: Case) -> Surface | None:
+    """Return the prior with the values of the case's image; None where it has none that can be read, which
+    goes to the log: a run is not lost for it.
+    """
+    try:
+        return values_on_wall(open_kept_image(case), case.prior, Layer())[0]
+    except InputError as error:
+        log.warning("no values of the image on the wall: %s", error)
+        return None
 
 
 @lru_cache(maxsize=1)  # estimates that follow each other may share their surface

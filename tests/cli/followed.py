@@ -53,6 +53,7 @@ def advises(text: str) -> bool:
     )
 
 
+STACKS, IMAGE = "report/test_stacks.py::", "io/test_io_image.py::"
 COMMANDS, OPTIONS, LINES = ("cli/test_advised_" + name + ".py::" for name in ("commands", "options", "lines"))
 ADVICE, IO_ADVICE = "cli/test_advice.py::", "io/test_io_advice.py::"
 CHOICE, SIDECAR, LIVE = (
@@ -91,6 +92,11 @@ FOLLOWED = {
     + "test_a_run_in_2d_has_its_pictures_in_the_report",
     "look at the page in a browser: o3dls view": COMMANDS + "test_where_no_window_opens_a_page_does",
     "o3dls convert PRIOR prior.ply": COMMANDS + "test_a_prior_without_a_frame_gets_one",
+    "With o3dls slices RUN --image": STACKS + "test_an_image_that_is_gone_is_said_and_another_is_named",
+    "has no image of its prior; name one": STACKS + "test_a_run_without_an_image_asks_for_one",
+    "an image belongs to a prior; name one": IMAGE + "test_an_import_refers_to_the_image_of_its_prior",
+    "lie in the body: orient it first": IMAGE + "test_an_image_that_does_not_say_how_it_lies_is_oriented",
+    "folder of DICOM files install pydicom": IMAGE + "test_a_series_is_read_once_pydicom_is_there",
     "as `o3dls settings": COMMANDS + "test_settings_that_others_print",
     "`o3dls paper --out": "paper/test_paper.py::"
     "test_a_quick_page_has_every_section_and_says_what_is_left_out",

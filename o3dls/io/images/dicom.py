@@ -41,14 +41,15 @@ def knows(data: bytes) -> bool:
 def check_no_series(folder: Path) -> None:
     """Raise InputError where a path is a folder of DICOM files, with what would be right."""
     files = sorted(folder.glob("*"))[:FIRST_FILES] if folder.is_dir() else []
-    if any(_is_dicom(path) for path in files):
+    if any(is_dicom(path) for path in files):
         raise InputError(
             f"{folder}: is a folder of DICOM files; a segmentation (SEG) is one of them: name it. Slices of "
             f"CT or MR are not a segmentation: {SEGMENT_FIRST}"
         )
 
 
-def _is_dicom(path: Path) -> bool:
+def is_dicom(path: Path) -> bool:
+    """Return whether a path is a file of DICOM, by its mark."""
     if not path.is_file():
         return False
     try:

@@ -11,7 +11,8 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ..text import integers, is_count, number_rows
-from .voxels import LARGEST, Image, beside, inflate, shaped, size_of
+from .layout import Layout
+from .voxels import LARGEST, Image, beside, beside_path, inflate, shaped, size_of
 
 TYPES = {
     "CHAR": "i1",
@@ -37,6 +38,47 @@ def read_meta(path: Path, data: bytes) -> Image:
     """Read a MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
     AnatomicalOrientation is not believed, since ITK writes one that means something else.
     """
+    header, file, end = _read_header(path, data)
+    kind = header["ElementType"].removeprefix("MET_")
+    n, sizes = _read_sizes(path, header)
+    need = size_of(path, sizes, TYPES[kind])
+    body = _voxel_bytes(path, header, file, data[end:], need)
+    if header.get("CompressedData", "").lower() == "true":
+        body = bytes(inflate(path, body, need))
+    values = shaped(
+        path, body, _byte_order(header) + TYPES[kind], sizes
+    )  # channels are the last axis now, a fourth axis is the first
+    return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _read_affine(path, header, n))
+
+
+def layout(path: Path, data: bytes) -> Layout | None:
+    """Return where the voxels of a grey image lie, by the first bytes of its file; None where it takes the
+    whole file to tell. Raises InputError as `read_meta`.
+    """
+    header, file, end = _read_header(path, data)
+    n, sizes = _read_sizes(path, header)
+    binary = header.get("BinaryData", "True").lower() == "true" and header.get("HeaderSize", "0") == "0"
+    if len(sizes) != 3 or not binary:
+        return None
+    where = path if file == "LOCAL" else beside_path(path, file)
+    begin = end if file == "LOCAL" else 0
+    packed = header.get("CompressedData", "").lower() == "true"
+    offset, begin = (0, begin) if packed else (begin, 0)
+    dtype = _byte_order(header) + TYPES[header["ElementType"].removeprefix("MET_")]
+    affine = _read_affine(path, header, n)
+    return Layout(where, offset, dtype, tuple(sizes), affine, "LPS", begin, packed=packed)
+
+
+def _byte_order(header: Mapping[str, str]) -> str:
+    """Return NumPy's sign of how the bytes of the voxels are ordered."""
+    stated = (header.get(key, "").lower() for key in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"))
+    return ">" if "true" in stated else "<"
+
+
+def _read_header(path: Path, data: bytes) -> tuple[dict[str, str], str, int]:
+    """Return the fields of the header, whose type of voxels is known, the name of the data file, and the byte
+    behind them.
+    """
     end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
     if end is None:
         raise InputError(f"{path}: MetaImage header has no line ElementDataFile; the file is truncated")
@@ -47,21 +89,7 @@ def read_meta(path: Path, data: bytes) -> Image:
     kind = header.get("ElementType", "").removeprefix("MET_")
     if kind not in TYPES:
         raise InputError(f"{path}: has ElementType '{kind[:40]}': must be one of {', '.join(TYPES)}")
-    n, sizes = _read_sizes(path, header)
-    order = (
-        ">"
-        if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"))
-        else "<"
-    )
-    file = end[1].decode("utf-8", errors="replace").strip()
-    need = size_of(path, sizes, TYPES[kind])
-    body = _voxel_bytes(path, header, file, data[end.end() :], need)
-    if header.get("CompressedData", "").lower() == "true":
-        body = bytes(inflate(path, body, need))
-    values = shaped(
-        path, body, order + TYPES[kind], sizes
-    )  # channels are the last axis now, a fourth axis is the first
-    return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _read_affine(path, header, n))
+    return header, end[1].decode("utf-8", errors="replace").strip(), end.end()
 
 
 def _read_sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:

@@ -16,6 +16,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...geometry.similarity import TURN
+from .layout import Layout
 from .voxels import Image, along_axes, beside, check_affine, inflate, packed, shaped, size_of
 
 # class of the header by its size, where its magic word stands, and what that is in one file and in a pair
@@ -27,6 +28,7 @@ LONGEST_HEADER = 1_000_000  # bytes, with its extensions
 SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
 UNITS = {1: ("m", 1000.0), 3: ("um", 0.001)}  # any other code means mm
+SAY_FORM = "look which is right, and say --form sform or --form qform, or write it into both"
 
 
 def knows(data: bytes) -> bool:
@@ -71,8 +73,7 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
     size, single = kind
     header = _read_header(path, start[:size])
     sizes, dtype, offset, scaling = _describe_voxels(path, header)
-    if offset < (size if single else 0):
-        raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
+    _check_offset(path, offset, size if single else 0)
     most = offset + size_of(path, sizes, dtype.str)
     body = _unpack_file(path, data, most) if single else _read_pair(path, data, most)
     values = shaped(path, memoryview(body)[offset:], dtype.str, sizes)  # which copies nothing
@@ -80,6 +81,34 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
         values = values * scaling[0] + scaling[1]
     values = np.moveaxis(values, 0, -1) if values.ndim == 4 else values
     return Image(values, *place(header, str(path), frame, form), stated_units(header))
+
+
+def _check_offset(path: Path, offset: int, size: int) -> None:
+    if offset < size:
+        raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def layout(path: Path, data: bytes) -> Layout:
+    """Return where the voxels of a grey image lie, by the first bytes of its file. Raises InputError as
+    `read_nifti`, and where neither form says how it lies.
+    """
+    start = _unpack_start(data)
+    kind = _header_kind(start)
+    if kind is None:
+        raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
+    size, single = kind
+    header = _read_header(path, start[:size])
+    sizes, dtype, offset, scaling = _describe_voxels(path, header)
+    _check_offset(path, offset, size if single else 0)
+    if not (int(header["sform_code"]) > 0 or int(header["qform_code"]) > 0):
+        raise InputError(
+            f"{path}: its header has neither qform nor sform, so it does not say how its axes lie in the "
+            "body: orient it first, as in 3D Slicer"
+        )
+    affine, _ = place(header, str(path), None, advice="look which is right, and write it into both")
+    file = path if single else path.parent / _image_name(path)
+    return Layout(file, offset, dtype.str, tuple(sizes), affine, "LPS", 0, scaling or (1.0, 0.0))
 
 
 def _units(header: Any) -> tuple[str, float]:
@@ -147,7 +176,9 @@ def _describe_voxels(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def place(header: Any, where: str, frame: str | None, form: str | None = None) -> tuple[Array, str]:
+def place(
+    header: Any, where: str, frame: str | None, form: str | None = None, *, advice: str = SAY_FORM
+) -> tuple[Array, str]:
     """Return the matrix from an index to mm, and the frame, by a header of nibabel: its sform if there is
     one, else its qform; the one that is said, where there are both.
 
@@ -169,14 +200,16 @@ def place(header: Any, where: str, frame: str | None, form: str | None = None) -
             where, "its header has neither qform nor sform", np.abs(pixdim[1:4]) * factor, frame
         )
     if len(forms) == 2:
-        _check_same_place(where, header, forms["sform"], forms["qform"], factor)
+        _check_same_place(where, header, forms["sform"], forms["qform"], factor, advice)
     affine = next(iter(forms.values()))
     return check_affine(where, TURN @ np.diag([factor, factor, factor, 1.0]) @ affine), "LPS"
 
 
-def _check_same_place(where: str, header: Any, sform: Array, qform: Array, factor: float) -> None:
-    """Raise InputError where the two forms of a header put a corner of the volume more than a voxel apart:
-    programs differ in which of them they follow.
+def _check_same_place(
+    where: str, header: Any, sform: Array, qform: Array, factor: float, advice: str
+) -> None:
+    """Raise InputError with advice where the two forms of a header put a corner of the volume more than a
+    voxel apart: programs differ in which of them they follow.
     """
     ends = [(0, max(int(n) - 1, 0)) for n in header.get_data_shape()[:3]]
     corners = np.array([[*corner, 1] for corner in product(*ends)], dtype=np.float64)
@@ -186,7 +219,7 @@ def _check_same_place(where: str, header: Any, sform: Array, qform: Array, facto
         raise InputError(
             f"{where}: its sform and its qform put the volume up to {apart * factor:.3g} mm apart"
             f"{', one the mirror image of the other' if mirrored else ''}; programs differ in which they "
-            "follow: look which is right, and say --form sform or --form qform, or write it into both"
+            f"follow: {advice}"
         )
 
 

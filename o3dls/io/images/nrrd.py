@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError
 from ..text import flat_numbers, is_count
-from .voxels import Image, along_axes, beside, check_affine, count, inflate, shaped, size_of
+from .layout import Layout
+from .voxels import Image, along_axes, beside, beside_path, check_affine, count, inflate, shaped, size_of
 
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
@@ -51,6 +52,41 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
 
     Raises InputError naming the header's line that cannot be used.
     """
+    header, notes, end, sizes = _read_header(path, data)
+    file = header.get("data file") or header.get("datafile")
+    affine, space, listed = _read_place(path, header, len(sizes), frame)
+    values = _read_values(path, header, beside(path, file) if file else data[end:], sizes)
+    if listed is not None:  # the axes are reversed, since the first one runs fastest in the file
+        values = np.moveaxis(values, 3 - listed, -1)
+    return Image(values, affine, space, notes)
+
+
+def layout(path: Path, data: bytes) -> Layout | None:
+    """Return where the voxels of a grey image lie, by the first bytes of its file; None where it takes the
+    whole file to tell. Raises InputError as `read_nrrd`.
+    """
+    header, _, end, sizes = _read_header(path, data)
+    if "space directions" not in header and "spacings" in header:
+        raise InputError(
+            f"{path}: it has spacings and no space directions, so it does not say how its axes lie in the "
+            "body: orient it first, as in 3D Slicer"
+        )
+    affine, space, listed = _read_place(path, header, len(sizes), None)
+    kind, encoding = TYPES.get(header.get("type", "").lower()), header.get("encoding", "").lower()
+    skips = [header.get(key, "0") for key in ("line skip", "lineskip", "byte skip", "byteskip")]
+    plain = kind is not None and listed is None and encoding in ("raw", "gzip", "gz")
+    if not plain or any(skip != "0" for skip in skips):
+        return None
+    file = header.get("data file") or header.get("datafile")
+    where = beside_path(path, file) if file else path
+    dtype = (">" if header.get("endian", "little") == "big" else "<") + str(kind)
+    begin = 0 if file else end
+    offset, begin = (begin, 0) if encoding == "raw" else (0, begin)
+    return Layout(where, offset, dtype, tuple(sizes), affine, space, begin)
+
+
+def _read_header(path: Path, data: bytes) -> tuple[dict[str, str], dict[str, str], int, list[int]]:
+    """Return the fields of the header, its notes, the byte behind it, and the sizes of the axes."""
     end = re.search(rb"\r?\n\r?\n", data[:1_000_000])
     head = data[: end.start()] if end else data[:1_000_000]
     lines = [
@@ -72,13 +108,7 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
             f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must "
             "be 3, or 4 with an axis of layers"
         )
-    affine, space, listed = _read_place(path, header, len(sizes), frame)
-    values = _read_values(
-        path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes
-    )
-    if listed is not None:  # the axes are reversed, since the first one runs fastest in the file
-        values = np.moveaxis(values, 3 - listed, -1)
-    return Image(values, affine, space, notes)
+    return header, notes, end.end() if end else 0, sizes
 
 
 def _read_place(

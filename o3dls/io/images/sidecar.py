@@ -72,6 +72,18 @@ def agreed(path: Path, image: Image, decided: str | None) -> Image:
     return replace(image, affine=affine, notes=notes)
 
 
+def check_agreed(path: Path, image: Image) -> None:
+    """Raise InputError where a JSON sidecar contradicts a grey image, of which no option decides."""
+    beside = path.with_name(SUFFIX.sub("", path.name) + ".json")
+    if not (SUFFIX.search(path.name) and beside.is_file()):
+        return
+    if fault := _find_fault(_read_statements(beside), image):
+        raise InputError(
+            f"{path}: {beside.name} beside it {fault.said}: one is of another image, or the header was "
+            "changed; correct the one that is wrong"
+        )
+
+
 def _read_statements(path: Path) -> Mapping[str, Any]:
     """Return what a sidecar states; nothing where it is no table of JSON, which contradicts nothing."""
     try:

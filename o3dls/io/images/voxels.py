@@ -154,6 +154,11 @@ def beside(path: Path, name: str) -> bytes:
     """Return the bytes of a data file in the same folder. Raises InputError for a path that leads
     elsewhere.
     """
+    return read_bytes(beside_path(path, name))
+
+
+def beside_path(path: Path, name: str) -> Path:
+    """Return a data file in the same folder, by its name in a header. Raises InputError as `beside`."""
     name = name.removeprefix("./")
     if (
         Path(name).name != name
@@ -166,4 +171,4 @@ def beside(path: Path, name: str) -> bytes:
         raise InputError(f"{path}: names its data '{name[:60]}': must be one file in the same folder")
     if not (path.parent / name).is_file():
         raise InputError(f"{path}: its data file '{name}' is not beside it")
-    return read_bytes(path.parent / name)
+    return path.parent / name

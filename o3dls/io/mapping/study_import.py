@@ -8,19 +8,20 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...case import MILLIMETRES, PRIOR_OF, SPACES, Points
+from ...case import PRIOR_OF, SPACES, Points
 from ...errors import InputError
-from ...places import plain_name, unique_names
+from ...places import plain_name, seen_from, unique_names
 from ...registration.landmark_names import alone, doubts, partners
 from ..atomic import check_free, staged_folder, write_file
 from ..case_coordinates import in_units
 from ..case_settings import toml_lines
+from ..grey.image import open_image
 from ..manifest import write_manifest
-from ..markups import Markups, read_markups
+from ..markups import read_places
 from ..meshes.repair import closed_outward
 from ..points import write_points
-from ..surfaces import read_surface_file, write_surface
-from ..table import read_table, write_table
+from ..surfaces import read_surface, read_surface_file, write_surface
+from ..table import write_table
 from .carto_study import vendor_pose
 from .imported import Imported, joined
 from .study import read_study
@@ -33,6 +34,7 @@ def import_study(
     *,
     prior: str | Path | None = None,
     landmarks: str | Path | None = None,
+    image: str | Path | None = None,
     prior_of: str | None = None,
     units: str | None = None,
     force: bool = False,
@@ -57,6 +59,8 @@ def import_study(
         surface or label volume from an image.
     landmarks : str or Path, default None
         places named on the prior: markups of Slicer, or a table `name,x,y,z`.
+    image : str or Path, default None
+        grey image that the prior was segmented in, which stays where it is.
     prior_of : {"patient", "template"}, default "patient"
         whose anatomy the prior is.
     units : {"mm", "cm", "m", "um", "in"}, default None
@@ -113,6 +117,9 @@ def import_study(
                 "given; name them with --landmarks"
             )
         settings = {"name": found.name, "frame": found.space, "prior_of": prior_of or "patient"}
+        if image is not None:
+            settings["image"] = _check_image(folder, Path(image), Path(out), space)
+            found.took.append(f"image {image}, which stays where it is")
         settings["notes"] = f"imported from {found.vendor}"
         write_file(folder / "case.toml", toml_lines(settings))
         write_manifest(folder)
@@ -198,6 +205,16 @@ def _write_prior(
     return space
 
 
+def _check_image(folder: Path, image: Path, out: Path, space: str) -> str:
+    """Return the path of an image as seen from the case. Raises InputError where it is none, or the prior in
+    the folder does not lie in it.
+    """
+    if not (folder / "prior.ply").is_file():
+        raise InputError(f"--image {image}: an image belongs to a prior; name one with --prior")
+    open_image(image, read_surface(folder / "prior.ply").vertices, space)
+    return seen_from(image, out)
+
+
 def _settled_frame(prior: Path, stated: str, given: str | None) -> str:
     """Return the frame that the prior states, else the one that is given. Raises InputError where they
     differ.
@@ -214,7 +231,7 @@ def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> t
 
     Gives the names.
     """
-    marks, units = _read_places(path)
+    marks, units = read_places(path)
     if "unknown" not in (space, marks.space):
         marks = marks.in_space(space)
     columns = {"name": np.array(marks.names), **dict(zip("xyz", marks.xyz.T, strict=True))}
@@ -241,20 +258,3 @@ def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
                 f"landmarks of the {side} without a partner: {', '.join(left)}; there are "
                 f"{', '.join(others) or 'none'} on the other side"
             )
-
-
-def _read_places(path: Path) -> tuple[Markups, dict[str, str]]:
-    """Read Slicer markups or a table `name,x,y,z`, in mm where the units are stated, and a note of the units
-    where they are.
-
-    Raises InputError.
-    """
-    if path.suffix.lower() in (".json", ".fcsv"):
-        return read_markups(path), {"units": "mm"}
-    table = read_table(path, ("name", "x", "y", "z"))
-    units = table.notes.get("units", "unknown")
-    if units not in (*MILLIMETRES, "unknown"):
-        raise InputError(f"{path}: states units '{units}': must be one of {', '.join(MILLIMETRES)}")
-    xyz = np.column_stack([table.numbers(axis) for axis in "xyz"]) * MILLIMETRES.get(units, 1.0)
-    marks = Markups(tuple(table.columns["name"]), xyz, table.notes.get("space", "unknown"))
-    return marks, {} if units == "unknown" else {"units": "mm"}

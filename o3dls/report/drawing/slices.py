@@ -16,6 +16,9 @@ from ..markup import Html, tag
 SIZE = 420
 MARGIN = 12  # beside the outlines
 STRIP = 34  # above and below them, for the scale bar and the names of the sides
+# The direction a plane stands across, and those that run right and up in its picture: left, front and up are
+# 0, 1 and 2. So a transverse section has the front above and the left on the right, as a CT has.
+PLANES = {"sagittal": (0, 1, 2), "coronal": (1, 0, 2), "axial": (2, 0, 1)}
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def drawing(
     read the caption for the picture.
     """
     lines = [
-        tag("path", d=_write_path(frame.place(one.segments)), class_=f"series {one.classes}")
+        tag("path", d=write_path(frame.place(one.segments)), class_=f"series {one.classes}")
         for one in outlines
         if len(one.segments)
     ]
@@ -107,8 +110,7 @@ def drawing(
         "svg",
         *lines,
         *dots,
-        *_scale_bar(frame),
-        *_side_names(frame),
+        *decoration(frame),
         viewBox=f"0 0 {width:.0f} {height:.0f}",
         class_="chart slice",
         role="img",
@@ -124,6 +126,11 @@ def bar_length(width: float) -> float:
     """
     power = 10.0 ** np.floor(np.log10(width / 5))
     return float(power * max(step for step in (1, 2, 5, 10) if step * power <= width / 3.5))
+
+
+def decoration(frame: Frame) -> list[Html]:
+    """Return the scale bar of a picture, and the names of its sides where they have any."""
+    return [*_scale_bar(frame), *_side_names(frame)]
 
 
 def _scale_bar(frame: Frame) -> list[Html]:
@@ -150,8 +157,10 @@ def _side_names(frame: Frame) -> list[Html]:
     ]
 
 
-def _write_path(segments: Array) -> str:
-    """Write the SVG path of segments (n, 2, 2), in pixels, as few long lines: dashes begin anew with each."""
+def write_path(segments: Array, tolerance: float = 0.0) -> str:
+    """Write the SVG path of segments (n, 2, 2), in pixels, as few long lines: dashes begin anew with each.
+    Corners are left out that stand off the lines without them by at most the tolerance.
+    """
     ends = [[f"{x:.1f} {y:.1f}" for x, y in segment] for segment in segments]
     at: dict[str, list[int]] = {}
     for k, (start, end) in enumerate(ends):
@@ -161,7 +170,28 @@ def _write_path(segments: Array) -> str:
     # an open line begins at an end of it, where one segment ends and no other begins
     first = [k for k in sorted(left) if any(len(at[place]) == 1 for place in ends[k])]
     lines = [_follow_line(k, ends, at, left) for k in (*first, *sorted(left)) if k in left]
-    return "".join("M" + "L".join(line) for line in lines)
+    return "".join("M" + "L".join(_thin_line(line, tolerance) if tolerance else line) for line in lines)
+
+
+def _thin_line(line: list[str], tolerance: float) -> list[str]:
+    """Return the places of a line without those that stand off it by at most the tolerance (Douglas and
+    Peucker 1973).
+    """
+    at = np.array([place.split() for place in line], dtype=np.float64)
+    kept = {0, len(line) - 1}
+    waiting = [(0, len(line) - 1)]
+    while waiting:
+        first, last = waiting.pop()
+        if last - first < 2:
+            continue
+        way, off = at[last] - at[first], at[first + 1 : last] - at[first]
+        share = np.clip(off @ way / max(way @ way, 1e-12), 0.0, 1.0)  # of a closed line the ends are one
+        far = np.linalg.norm(off - share[:, None] * way, axis=1)
+        if far.max() > tolerance:
+            worst = first + 1 + int(far.argmax())
+            kept.add(worst)
+            waiting += [(first, worst), (worst, last)]
+    return [line[k] for k in sorted(kept)]
 
 
 def _follow_line(k: int, ends: list[list[str]], at: dict[str, list[int]], left: set[int]) -> list[str]:

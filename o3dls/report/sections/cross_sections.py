@@ -10,7 +10,7 @@ from ...arrays import Array
 from ...evaluation.distances import distances
 from ...geometry.surface import Surface
 from ..drawing.charts import grouped, legend, line_class
-from ..drawing.slices import Frame, Outline, drawing, slice_surface
+from ..drawing.slices import PLANES, Frame, Outline, drawing, slice_surface
 from ..mapping.views import Orientation, orientation
 from ..markup import Html, join, tag
 from ..section import Section
@@ -18,9 +18,6 @@ from ..subject import Subject
 
 BESIDE = 2.0  # mm beside a plane within which points are drawn
 MARGIN = 0.03  # of the extent, around the outlines
-# The direction a plane stands across, and those that run right and up in its picture: left, front and up are
-# 0, 1 and 2. So a transverse section has the front above and the left on the right, as a CT has.
-PLANES = {"sagittal": (0, 1, 2), "coronal": (1, 0, 2), "axial": (2, 0, 1)}
 Named = dict[str, tuple[str, Surface]]  # CSS classes and surface by name, in the order of drawing
 
 

@@ -13,6 +13,7 @@ from ..mapping.views import orientation
 from ..markup import join, tag
 from ..page_parts import viewer_scripts
 from ..section import Maker, Section
+from ..stacks.section import image_section
 from ..subject import Subject
 from .certainty import calibration_section, pose_section
 from .contribution import contribution_section
@@ -57,6 +58,7 @@ SECTIONS: tuple[Maker, ...] = (
     picture_section,
     outline_section,
     outcome_section,
+    image_section,
     next_section,
     score_section,
     contribution_section,

@@ -1,0 +1,1 @@
+"""What a finished run and the image of its prior say together."""
