@@ -8,8 +8,8 @@ import json
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -146,10 +146,10 @@ def test_an_estimate_without_a_motion_has_its_pose(tmp_path: Path) -> None:
 
 def test_an_image_is_checked(tmp_path: Path) -> None:
     folder = oblique_run().write(tmp_path / "run")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="no such file or folder"):
         export_run(folder, tmp_path / "a.mrb", format="mrb", image=tmp_path / "none.nrrd")
     (tmp_path / "no.nrrd").write_text("nothing")
-    with pytest.raises(InputError, match="is not an image"):
+    with pytest.raises(InputError, match="not an image"):
         export_run(folder, tmp_path / "a.mrb", format="mrb", image=tmp_path / "no.nrrd", spacing=4.0)
     with pytest.raises(PipelineError, match="belongs to the format mrb"):
         Export(format="itk", image=tmp_path / "none.nrrd")
@@ -157,7 +157,7 @@ def test_an_image_is_checked(tmp_path: Path) -> None:
 
 def test_the_image_of_a_case_comes_with_it_or_is_said_to_be_missing(tmp_path: Path) -> None:
     picture = grey(tmp_path / "grey.nrrd", "LPS")
-    case: Any = SimpleNamespace(image={"path": str(picture)})
+    case = replace(oblique_case(), image={"path": str(picture)})
     there, gone = (Scene(tmp_path / name) for name in ("there", "gone"))
     for scene in (there, gone):
         scene.folder.mkdir()

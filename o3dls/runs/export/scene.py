@@ -18,6 +18,7 @@ from .placed import lps_pose, placed
 
 if TYPE_CHECKING:
     from ...case import Case, Points
+    from ...io.grey.image import GreyImage
     from ...io.scenes.mrml import Colour, Look, Scene
     from ..run import Run
 
@@ -51,26 +52,39 @@ def write_scene(path: Path, run: Run, name: str, spacing: float, image: Path | N
     return Written(facts | motion.facts(), said + motion.sentences(), motion.failures())
 
 
-def image_of(case: Case) -> Path | None:
-    """Return the grey image that a case names, if it names one."""
-    named = getattr(case, "image", {}).get("path")
-    return Path(named) if named else None
-
-
 def _add_image(scene: Scene, case: Case, given: Path | None) -> list[str]:
     """Add the grey image of the prior: the one that is given, else that of the case, which may have been
     moved since: then a sentence says so. Raises InputError for one that is given and cannot be read.
     """
-    path = given or image_of(case)
-    if path is None:
+    from ...io.grey.image import open_image
+    from ...io.grey.of_case import open_kept_image
+
+    if given is None and not case.image:
         return []
     try:
-        scene.add_volume("image", *_read_image(path))
+        opened = (
+            open_kept_image(case)
+            if given is None
+            else open_image(given, case.prior.vertices, case.prior_frame)
+        )
+        scene.add_volume("image", *_read_voxels(opened))
     except InputError as error:
         if given:
             raise
         return [f"the image of the case is left out: {error}"]
     return []
+
+
+def _read_voxels(image: GreyImage) -> tuple[Any, Array]:
+    """Return the voxels (nx, ny, nz) of an image and their affine (4, 4) in LPS; no text of its header, which
+    may name the patient, goes with them. Raises InputError.
+    """
+    from ...geometry.similarity import TURN
+
+    values = image.volume.slab(0, image.volume.shape[2]).transpose(2, 1, 0)
+    small = values.min() >= 0 and values.max() <= 255 and bool((values == np.floor(values)).all())
+    turn = TURN if image.frame == "RAS" else np.eye(4)
+    return values.astype(np.uint8 if small else np.float32), turn @ image.affine
 
 
 def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None) -> None:
@@ -95,26 +109,6 @@ def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None) 
     if marks:
         at = apply(turn, np.array(list(marks.values())))
         scene.add_markups("landmarks of the prior", _named(list(marks), at), (0.1, 0.6, 1.0))
-
-
-def _read_image(path: Path) -> tuple[Any, Array]:
-    """Return the voxels (nx, ny, nz) of an image and their affine (4, 4) in LPS; no text of its header, which
-    may name the patient, goes with them. Raises InputError.
-    """
-    from ...geometry.similarity import TURN
-    from ...io.images.registry import knows, read_image
-    from ...io.text import read_bytes
-
-    data = read_bytes(path)
-    if not knows(data):
-        raise InputError(f"{path}: is not an image that o3dls knows: must be NRRD, NIfTI or MetaImage")
-    found = read_image(path, data)
-    if found.values.ndim != 3 or found.space == "unknown":
-        raise InputError(f"{path}: must be one volume in 3D that states how its axes lie")
-    values = found.values.transpose(2, 1, 0)
-    small = values.min() >= 0 and values.max() <= 255 and values.dtype.kind in "ui"
-    turn = TURN if found.space == "RAS" else np.eye(4)
-    return values.astype(np.uint8 if small else np.float32), turn @ found.affine
 
 
 def _add_points(scene: Scene, points: Points, turn: Array, look: Look | None, under: str) -> None:

@@ -114,8 +114,8 @@ class Export(Writer):
         """Say what of the grid or the spacing is wrong; the result is taken to be about as large as the
         prior.
         """
-        if self.image is not None and not self.image.is_file():
-            return f"image = '{self.image}': no such file"
+        if self.image is not None and not self.image.exists():
+            return f"image = '{self.image}': no such file or folder"
         if self.grid is not None:
             return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
