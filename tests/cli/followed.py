@@ -233,6 +233,7 @@ FOLLOWED = {
     # packages: a test does not install them, and sees that what is named brings what is missing
     "install highdicom, pip install": LINES + "test_what_is_installed_holds_the_package_that_is_missing",
     "needs h5py: pip install": LINES + "test_what_is_installed_holds_the_package_that_is_missing",
+    "is written with h5py: pip install": LINES + "test_what_is_installed_holds_the_package_that_is_missing",
     "pip install lz4, or save it with zlib": LINES
     + "test_what_is_installed_holds_the_package_that_is_missing",
     "pip install openpyxl": LINES + "test_what_is_installed_holds_the_package_that_is_missing",

@@ -395,7 +395,7 @@ def test_what_is_installed_holds_the_package_that_is_missing() -> None:
     }
     every = set().union(*extras.values())
     named = [text for _, _, text in strings() if "pip install" in text and "constraints.txt" not in text]
-    assert len(named) == 7
+    assert len(named) == 8
     for text in named:
         target = re.search(r"pip install '?([\w{}]+)(?:\[(\w+)\]')?", text)
         assert target, text

@@ -171,12 +171,6 @@ def test_the_image_of_a_case_comes_with_it_or_is_said_to_be_missing(tmp_path: Pa
         _add_image(gone, case, picture)
 
 
-def test_voltages_have_the_limits_of_the_report() -> None:
-    from o3dls.report.drawing import fields
-
-    assert fields.VOLTAGES == VOLTAGES
-
-
 def test_three_commands_lead_from_a_study_to_a_fused_scene(tmp_path: Path) -> None:
     slicer_python()
 

@@ -16,11 +16,11 @@ from ...evaluation.electrical import ELECTRICAL
 from ...evaluation.regions import REGIONS, word
 from ...geometry.cut_wall import CUT
 from ...geometry.surface import Surface
+from ...quantities import VOLTAGES
 from ..subject import Subject
 from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 from .colour_maps import LOW_ENDS, colour_table
 
-VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
 STEPS = {"lat": 10.0}  # ms between isochrones
 
 
