@@ -230,6 +230,19 @@ FOLLOWED = {
     + "test_a_failure_that_does_not_say_why_is_run_again",
     "run a pipeline with the stage 'deform' again": LINES
     + "test_next_places_are_those_of_a_run_with_a_motion",
+    # the motion as a file
+    **dict.fromkeys(
+        (
+            "nodes: must be at most {}; say {}",
+            "has no motion but its pose; name one behind deform",
+            "holds both map and prior, in LPS; omit on and frame",
+        ),
+        "runs/test_motion_files.py::test_what_cannot_be_written_names_what_can",
+    ),
+    **dict.fromkeys(
+        ("volumes are in mm; omit --units", "resample an image by the transform"),
+        "runs/test_carry.py::test_an_image_is_resampled_by_the_transform_that_its_refusal_names",
+    ),
     # packages: a test does not install them, and sees that what is named brings what is missing
     "install highdicom, pip install": LINES + "test_what_is_installed_holds_the_package_that_is_missing",
     "needs h5py: pip install": LINES + "test_what_is_installed_holds_the_package_that_is_missing",

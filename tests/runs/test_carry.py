@@ -22,6 +22,7 @@ from o3dls.io.meshes.cells import Cells
 from o3dls.io.points import read_points
 from o3dls.io.surfaces import read_surface_file, write_surface
 from o3dls.io.table import write_table
+from o3dls.runs.export.finished import export_run
 from o3dls.runs.export.way import way_of
 from o3dls.runs.folder import read_run
 from tests.oblique_motion import AFFINE, SHAPE, Smooth, chamber, image, oblique_run, turn_of, write_image
@@ -173,3 +174,25 @@ def test_what_cannot_be_carried_is_said(run: Path, tmp_path: Path) -> None:
         way_of(replace(read_run(run), case=disc_case()), "moved", "map")
     with pytest.raises(InputError, match="belongs to the run"):
         carry(run, tmp_path / "a.ply", "map", run / "estimates/moved/surface.vtp")
+
+
+def test_an_image_is_resampled_by_the_transform_that_its_refusal_names(run: Path, tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK", reason="pip install o3dls[formats-test]")
+    labels = write_image(tmp_path / "labels.nrrd")
+    with pytest.raises(InputError, match="volumes are in mm; omit --units"):
+        carry(run, labels, "map", tmp_path / "there.nrrd", units="mm")
+    carry(run, labels, "map", tmp_path / "there.nrrd")
+    grey = sitk.Cast(sitk.ReadImage(str(labels)), sitk.sitkFloat32) * 0.3
+    sitk.WriteImage(grey, str(tmp_path / "grey.nrrd"))
+    with pytest.raises(
+        InputError, match="resample an image by the transform of o3dls export RUN --format itk"
+    ):
+        carry(run, tmp_path / "grey.nrrd", "map", tmp_path / "no.nrrd")
+    export_run(run, tmp_path / "motion.h5", format="itk", spacing=3.0)
+    found = sitk.ReadImage(str(tmp_path / "there.nrrd"))
+    moved = sitk.Resample(
+        grey, found, sitk.ReadTransform(str(tmp_path / "motion.h5")), sitk.sitkNearestNeighbor
+    )
+    same = sitk.GetArrayFromImage(moved) > 0.0
+    carried = sitk.GetArrayFromImage(found) > 0
+    assert 2.0 * (same & carried).sum() / (same.sum() + carried.sum()) > 0.97

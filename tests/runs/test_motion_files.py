@@ -128,7 +128,7 @@ def test_what_folds_is_named_and_marked(tmp_path: Path, caplog: pytest.LogCaptur
         path = export_run(folder, tmp_path / "a.h5", format="itk", spacing=3.0)
     facts = json.loads(path.with_name("a.h5.json").read_text())
     assert facts["nodes_without_inverse"] > 0
-    assert f"WITHOUT INVERSE at {facts['nodes_without_inverse']} nodes" in caplog.text
+    assert f"no inverse at {facts['nodes_without_inverse']} nodes" in caplog.text
     assert "known is 0" in caplog.text
 
 
@@ -140,7 +140,7 @@ def test_what_no_field_follows_is_in_the_deviation_and_said() -> None:
     vertices = motion.moved.vertices.copy()
     vertices[needles] += 3.0 * motion.moved.vertex_normals[needles]
     torn = off_wall(replace(motion, moved=motion.moved.with_vertices(vertices)))
-    assert "THE WALL MOVED AS NO FIELD IN SPACE DOES" in torn.not_followed
+    assert "no field in space follows the moved wall" in torn.not_followed
     wall = motion.prior.vertices
     miss = np.linalg.norm(torn(wall) - vertices, axis=1)
     assert miss[needles].max() > 0.5
@@ -158,16 +158,21 @@ def test_a_fixed_point_says_where_it_misses() -> None:
     )
 
 
-def test_what_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_what_cannot_be_written_names_what_can(tmp_path: Path) -> None:
     folder = oblique_run().write(tmp_path / "run")
-    with pytest.raises(InputError, match="'start' has no motion but its pose"):
+    with pytest.raises(
+        InputError, match=r"'start' has no motion but its pose; name one behind .* --format tfm"
+    ):
         export_run(folder, format="itk", estimate="start")
+    export_run(folder, tmp_path / "pose.tfm", format="tfm", estimate="start")
     with pytest.raises(InputError, match=r"end in \.h5 or \.tfm"):
         export_run(folder, tmp_path / "a.nii", format="itk")
-    with pytest.raises(InputError, match="nodes: must be at most"):
+    with pytest.raises(InputError, match=r"nodes: must be at most .*; say") as refused:
         export_run(folder, tmp_path / "a.h5", format="itk", spacing=0.2)
-    with pytest.raises(PipelineError, match="holds both map and prior"):
+    export_run(folder, tmp_path / "a.h5", format="itk", spacing=float(str(refused.value).rsplit(" ", 1)[1]))
+    with pytest.raises(PipelineError, match="holds both map and prior, in LPS; omit on and frame"):
         Export(format="itk", on="prior")
+    assert Export(format="itk").format == "itk"
 
 
 def test_frames_that_nobody_states_are_asked_for(tmp_path: Path) -> None:

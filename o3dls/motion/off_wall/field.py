@@ -111,10 +111,9 @@ class OffWall:
         if some <= SETTINGS.followed:
             return ""
         return (
-            f"THE WALL MOVED AS NO FIELD IN SPACE DOES: the field misses it by {some:.2g} mm or more at "
-            f"{100 - SETTINGS.counted:g} % of the vertices, at most by {self.missed.max():.2g} mm; that is "
-            "in the deviation. Look at the warnings of the run; surfaces and points on the wall go by "
-            "o3dls export --on"
+            f"no field in space follows the moved wall: it misses it by {some:.2g} mm or more at "
+            f"{100 - SETTINGS.counted:g} % of the vertices, by {self.missed.max():.2g} mm at most; the "
+            "deviation holds that"
         )
 
     @cached_property

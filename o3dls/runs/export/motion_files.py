@@ -87,8 +87,8 @@ class MotionOnGrid:
         middle = ", ".join(f"{value:.0f}" for value in np.median(places, axis=0))
         return [
             *said,
-            f"WITHOUT INVERSE at {len(places)} nodes ({folded} where the motion folds) around LPS ({middle}) "
-            "mm of the image: there the inverse file is wrong, and the volume of what is known is 0",
+            f"the motion has no inverse at {len(places)} nodes ({folded} where it folds) around LPS "
+            f"({middle}) mm of the image: there the inverse file is wrong, and what is known is 0",
         ]
 
 
