@@ -66,14 +66,9 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
     """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it,
     `form` the one that is right where two contradict.
     """
-    start = _unpack_start(data)
-    kind = _header_kind(start)
-    if kind is None:
-        raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
-    size, single = kind
-    header = _read_header(path, start[:size])
+    header, single = _read_start(path, data)
     sizes, dtype, offset, scaling = _describe_voxels(path, header)
-    _check_offset(path, offset, size if single else 0)
+    _check_offset(path, offset, header, single=single)
     most = offset + size_of(path, sizes, dtype.str)
     body = _unpack_file(path, data, most) if single else _read_pair(path, data, most)
     values = shaped(path, memoryview(body)[offset:], dtype.str, sizes)  # which copies nothing
@@ -83,7 +78,18 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
     return Image(values, *place(header, str(path), frame, form), stated_units(header))
 
 
-def _check_offset(path: Path, offset: int, size: int) -> None:
+def _read_start(path: Path, data: bytes) -> tuple[Any, bool]:
+    """Return the header at the start of a file, and whether the voxels follow in the same one."""
+    start = _unpack_start(data)
+    kind = _header_kind(start)
+    if kind is None:
+        raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
+    size, single = kind
+    return _read_header(path, start[:size]), single
+
+
+def _check_offset(path: Path, offset: int, header: Any, *, single: bool) -> None:
+    size = int(header["sizeof_hdr"]) if single else 0  # which was compared with what was read
     if offset < size:
         raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
 
@@ -93,14 +99,9 @@ def layout(path: Path, data: bytes) -> Layout:
     """Return where the voxels of a grey image lie, by the first bytes of its file. Raises InputError as
     `read_nifti`, and where neither form says how it lies.
     """
-    start = _unpack_start(data)
-    kind = _header_kind(start)
-    if kind is None:
-        raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
-    size, single = kind
-    header = _read_header(path, start[:size])
+    header, single = _read_start(path, data)
     sizes, dtype, offset, scaling = _describe_voxels(path, header)
-    _check_offset(path, offset, size if single else 0)
+    _check_offset(path, offset, header, single=single)
     if not (int(header["sform_code"]) > 0 or int(header["qform_code"]) > 0):
         raise InputError(
             f"{path}: its header has neither qform nor sform, so it does not say how its axes lie in the "
