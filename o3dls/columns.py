@@ -137,7 +137,7 @@ def described(heading: str, name: str, kind: str) -> str:
     if _says(name, TIME) and kind not in "US":
         return f"taken as the order of the points; if it is a lat, say --columns lat={heading}"
     if _says(name, GROUP):
-        return f"taken as the moments of the points, where none has more than {ELECTRODES} of them"
+        return f"says which points were taken at one moment; not used if more than {ELECTRODES} share a value"
     doubt = DOUBTFUL.get(name.strip().casefold())
     asked = f"; if it is {doubt}, say --columns NAME={heading}" if doubt else ""
     return f"kept as {'text' if kind in 'US' else 'numbers'}, and not used{asked}"

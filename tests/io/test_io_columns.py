@@ -211,4 +211,4 @@ def test_a_group_of_more_points_than_a_catheter_has_electrodes_is_of_something_e
 
 def test_a_column_of_groups_is_said_to_be_used() -> None:
     said = described("Group", "group", "i")
-    assert said == "taken as the moments of the points, where none has more than 64 of them"
+    assert said == "says which points were taken at one moment; not used if more than 64 share a value"
