@@ -61,8 +61,9 @@ def write_carto_study(folder: Path, seed: int = 7, points: int = 400) -> None:
     """
     rng = np.random.default_rng((seed, STREAM))
     case = atrium(seed, points=points)
-    prior, wall = case.prior, case.truth and case.truth.surface
-    assert wall is not None  # an atrium has one
+    assert case.truth is not None  # an atrium has one
+    assert case.truth.surface is not None
+    prior, wall = case.prior, case.truth.surface
     middles = scar_middles(rng, prior)
     to_map = frame(rng)
     voltages = np.min([sampling.voltage(prior, one, SCAR_SIZE + BORDER) for one in middles], axis=0)
