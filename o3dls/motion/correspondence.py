@@ -48,8 +48,8 @@ class _Tree(NamedTuple):
 
 
 class _Asked(NamedTuple):
-    """Points that are asked for have places (k, 3), squared noise (k,), and the squared distance and the face
-    of their closest points (k,); the means (k, 3 d + 2) are the answer.
+    """Each point has a place (k, 3), squared noise (k,), and the squared distance and the face of its closest
+    point (k,); the means (k, 3 d + 2) are filled in.
     """
 
     points: Array

@@ -37,7 +37,7 @@ class _Level(NamedTuple):
 
 
 class _Bounds(NamedTuple):
-    """Noise and fraction of outliers stay within these bounds."""
+    """These are the bounds of the noise and of the fraction of outliers."""
 
     least_sigma: float
     least_fraction: float

@@ -58,7 +58,7 @@ def run_into(
 
 @dataclass(frozen=True)
 class Workers:
-    """Workers do the cases, each within the limits: `jobs` of this machine at one time, or those of a
+    """Workers run the cases, each within the limits: `jobs` of this machine at one time, or those of a
     scheduler of dask, `tcp://host:port`, all of which must see the folders (`local`: a scheduler of our own,
     with `jobs` workers of this machine). Once `stop` is set they begin no more.
     """

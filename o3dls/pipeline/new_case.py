@@ -85,7 +85,9 @@ SHOWN = {
 
 @dataclass(frozen=True)
 class Inputs:
-    """A new case refers to these files, which stay where they are; image: a grey image of the prior."""
+    """These are the files that a new case refers to, which stay where they are; image: a grey image of the
+    prior.
+    """
 
     prior: Path
     points: Path

@@ -27,7 +27,7 @@ APART = np.radians(20.0)  # poses that differ less are one
 
 
 class _Moving(NamedTuple):
-    """Poses that move have rotations (k, 3, 3), shifts (k, 3) and scales (k,), which change in place."""
+    """Moving poses have rotations (k, 3, 3), shifts (k, 3) and scales (k,), which change in place."""
 
     rotations: Array
     shifts: Array

@@ -125,8 +125,8 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
 
 
 class Origin(NamedTuple):
-    """Faces come from cells, which have corners (c, 2^d), and simplices, which have some of these (s, d + 1);
-    `source` (m, 2) says which cell and which simplex each face is in.
+    """This says which cell and which simplex of it each face is in: `source` (m, 2) into the corners of cells
+    (c, 2^d), and into the numbers of those corners that are a simplex (s, d + 1).
     """
 
     cells: Ints
