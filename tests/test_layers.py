@@ -46,7 +46,9 @@ LAYERS = (
     "report",
     "open3d_api",
     "paper",
+    "web",
     "live",
+    "app",
     "cli",
     "__main__",
 )
