@@ -47,7 +47,7 @@ class Job:
 
     def cancel(self) -> None:
         """Note that somebody ends the run."""
-        self._finish("cancelled", "The run was cancelled; nothing of it is left.")
+        self._finish("cancelled", "The run was cancelled; only its log is left.")
 
     def lose(self) -> None:
         """Note that the process was ended, unless by somebody who cancelled it."""

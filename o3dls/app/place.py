@@ -56,9 +56,10 @@ def placed(case: Case, start: Estimate) -> Subject:
 
     shown = replace(start, surface=replace(start.surface, fields={}), motion=None, weights=None)
     gaps = {f"distance_{KEY}_{case.units}": distances(case.points.xyz, shown.surface)}
-    points = replace(case.points, columns={**case.points.columns, **gaps})
+    known = {key: case.points.columns[key] for key in ("name", "id") if key in case.points.columns}
+    points = replace(case.points, columns={**known, **gaps})
     run = Run(
-        replace(case, truth=None),
+        replace(case, points=points, truth=None),
         {KEY: shown},
         fitted={KEY: ("eam",)},
         scores={KEY: {"ablation": {}}},  # so that `fitted` is the eam points alone

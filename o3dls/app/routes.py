@@ -7,11 +7,11 @@ import json
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import Route, Router
+from starlette.types import Receive, Scope, Send
 
 from ..errors import InputError
 from ..io.text import LARGEST_FILE
@@ -32,8 +32,8 @@ def most_bytes(path: str) -> int:
     return LARGEST_FILE if path.startswith(UPLOADS) else MOST
 
 
-def routes_of(desk: Desk) -> Starlette:
-    """Return the app of a desk."""
+def routes_of(desk: Desk) -> Router:
+    """Return what answers the pages of a desk. It lets every error pass to the guard, which says it."""
     pages = {"/case": desk.case, "/run": desk.run, "/report": desk.report}
     acts: dict[str, Act] = {
         "/look": desk.look,
@@ -43,7 +43,7 @@ def routes_of(desk: Desk) -> Starlette:
         "/cancel": lambda _: desk.cancel(),
         "/export": desk.take,
     }
-    return Starlette(
+    return Router(
         routes=[
             Route("/", _page_route(lambda _: desk.home()), methods=["GET"]),
             *(Route(path, _page_route(make), methods=["GET"]) for path, make in pages.items()),
@@ -53,14 +53,13 @@ def routes_of(desk: Desk) -> Starlette:
             Route(UPLOADS + "{name}", _upload_route(desk), methods=["PUT"]),
             *(Route(path, _act_route(act), methods=["POST"]) for path, act in acts.items()),
         ],
-        exception_handlers={404: _refuse_page, 405: _refuse_page},
+        redirect_slashes=False,
+        default=_refuse_page,
     )
 
 
-def _refuse_page(request: Request, error: Exception) -> Response:
-    status = getattr(error, "status_code", 404)
-    said = "there is no such page" if status == 404 else f"{request.url.path} does not take {request.method}"
-    return JSONResponse({"error": said}, status)
+async def _refuse_page(_: Scope, __: Receive, ___: Send) -> None:
+    raise Refusal(404, "there is no such page")
 
 
 def _read_folder(request: Request) -> str:

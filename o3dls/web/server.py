@@ -18,6 +18,7 @@ from ..errors import InputError
 from .guard import Guard
 from .rules import NAMES, PATIENCE
 
+BACKLOG = 512  # connections that wait
 HEAD = 32_768  # bytes that the head of a request may have
 GRACE = 1  # seconds in which pages that are being answered may be, at the end
 
@@ -89,6 +90,7 @@ def _listen(port: int) -> socket.socket:
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((NAMES[0], port))
+        opened.listen(BACKLOG)  # from now on, who asks waits until the server answers
     except (OSError, OverflowError) as error:
         opened.close()
         raise InputError(f"port = {port}: cannot be listened on: {error}") from error

@@ -5,16 +5,24 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import nibabel
+import numpy as np
 import pytest
 
+from o3dls.case import Points
+from o3dls.geometry.surface import Surface
+from o3dls.io.case_reader import read_case
 from o3dls.io.surfaces import read_surface, write_surface
+from o3dls.levelset.grid.distance import filled_distance
 from o3dls.resources import demo_case
 from tests.app.served import Served, served
 from tests.browser import Visit, violations
+from tests.formats import car_file
 from tests.viewer import FIXTURES
 
 _, _, launch, browser, _ = FIXTURES
@@ -57,7 +65,9 @@ def final_surface(run: Path) -> bytes:
     return found[0].read_bytes()
 
 
-def test_the_way_from_a_table_and_an_stl_to_a_judged_surface(visit: Visit, app: Served, tmp_path: Path) -> None:
+def test_the_way_from_a_table_and_an_stl_to_a_judged_surface(
+    visit: Visit, app: Served, tmp_path: Path
+) -> None:
     page = visit.page
     write_surface(tmp_path / "atrium.stl", read_surface(demo_case() / "prior.ply"))
     says(visit, "#there", "There is no case here yet.")
@@ -92,3 +102,58 @@ def test_the_way_from_a_table_and_an_stl_to_a_judged_surface(visit: Visit, app: 
     # the case folder that was made is one of the command line, and gives the same surface there
     command(app.folder, "run", "--case", "cases/first", "--out", "again", "--set", "folds=0", "--quiet")
     assert final_surface(app.folder / "again") == final_surface(app.folder / "runs" / "first-quick")
+
+
+def carto_zip(folder: Path, points: Points) -> Path:
+    """A zipped study of CARTO with these points as map 1-LA, and ten of them as another."""
+    maps = {"1-LA": points, "2-RA": points[:10]}
+    named = "".join(
+        f'<Map Name="{name}" FileNames="{name}.mesh" Volume="0"><CartoPoints Count="{len(of)}" /></Map>'
+        for name, of in maps.items()
+    )
+    head = '<Study name="S"><Units Distance="mm" Angle="radian" />'
+    path = folder / "study.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("S/Study 1.xml", f'{head}<Maps Count="2">{named}</Maps></Study>')
+        for name, of in maps.items():
+            file.writestr(f"S/{name}_car.txt", car_file(name, of))
+    return path
+
+
+def label_volume(path: Path, prior: Surface) -> Path:
+    """The prior as label 1 of a volume, and a small ball as label 2."""
+    found = filled_distance(prior.vertices, prior.faces, 1.0, 3)
+    labels = np.zeros(found.band.shape, dtype=np.uint8)
+    labels[tuple(found.band.nodes[found.phi < 0.0].T)] = 1
+    labels[:3, :3, :3] = 2
+    affine = np.diag([-1.0, -1.0, 1.0, 1.0])
+    affine[:3, 3] = np.array([-1.0, -1.0, 1.0]) * found.band.origin
+    nibabel.save(nibabel.Nifti1Image(labels, affine), path)
+    return path
+
+
+def test_the_way_from_a_carto_zip_and_a_label_volume(visit: Visit, app: Served, tmp_path: Path) -> None:
+    page = visit.page
+    case = read_case(demo_case())
+    page.set_input_files("#prior-file", label_volume(tmp_path / "labels.nii.gz", case.prior))
+    says(visit, "#prior .question", "holds 2 labels")
+    assert violations(visit) == []
+    page.get_by_role("button", name="label 1", exact=True).click()
+    says(visit, "#prior .read", "ml")
+    page.set_input_files("#map-file", carto_zip(tmp_path, case.points.of("eam")))
+    says(visit, "#map .question", "2 maps with points")
+    page.get_by_role("button", name="1-LA, 250 points", exact=True).click()
+    says(visit, "#map .read", "CARTO 3, map 1-LA")
+    page.fill("#name", "study")
+    page.click("#make")
+    says(visit, "#placing", "The prior is used as it stands")
+    page.check("[name=preset][value=quick]")
+    page.click("#fuse")
+    says(visit, "#fused", "The run is done.", patience=RUN)
+    page.reload()
+    says(visit, "#judge", "runs/study-quick")
+    says(visit, "#judge .grade", "CHECK")
+    page.click("#judge >> text=runs/study-quick")
+    says(visit, "#judge", "case 1-LA")
+    command(app.folder, "run", "--case", "cases/study", "--out", "again", "--set", "folds=0", "--quiet")
+    assert final_surface(app.folder / "again") == final_surface(app.folder / "runs" / "study-quick")
