@@ -20,8 +20,8 @@ class InputError(O3dlsError):
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer to a doubt: what it says, and the settings of case.toml, or the keywords of `o3dls.make_case`
-    and the options of `o3dls init`, that say the same.
+    """An answer ends a doubt: it has what a person reads, and the settings that say the same as keys of
+    case.toml, keywords and options.
     """
 
     words: str

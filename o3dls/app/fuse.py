@@ -48,7 +48,6 @@ def run_case(case: Path, out: Path, preset: str, tell: Tell) -> Message:
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
-    from ..pipeline.steps import count_steps
     from ..pipeline.workers import second_process
 
     own = preset == OWN
@@ -56,6 +55,6 @@ def run_case(case: Path, out: Path, preset: str, tell: Tell) -> Message:
     with second_process(plan.folds) as pool:
         subject = read_case(case)
         plan = plan if own else plan.allowed_by(subject)
-        tell({"steps": count_steps(plan)})
+        tell({"steps": plan.steps})
         run = run_into(plan, subject, out, pool=pool)
     return {"faults": list(run.faults)}

@@ -19,8 +19,8 @@ from typing import Any
 
 from ..child_processes import safe_path
 from ..errors import InputError, O3dlsError
+from ..pipeline.pipeline import STEPS
 from ..pipeline.place import KILL
-from ..pipeline.steps import STEPS
 from ..pipeline.supervision import Limits
 from ..pipeline.workers import GRACE, begin_process
 
@@ -35,8 +35,8 @@ class Lost(O3dlsError):
 
 
 class Worker:
-    """A worker does one task at a time, with a folder as its working folder. It is begun at once, since its
-    imports take longer than most tasks.
+    """A worker is a process that does one task at a time, with a folder as its working folder. It is begun at
+    once, since its imports take longer than most tasks.
     """
 
     def __init__(self, folder: Path, limits: Limits | None = None) -> None:
@@ -112,7 +112,7 @@ class Reader:
 
 
 class _Lines(logging.Handler):
-    """This handler tells the lines of the log, and which of them end a step of a run."""
+    """This handler gives the server the lines of the log, and says which of them end a step of a run."""
 
     def __init__(self, tell: Tell) -> None:
         super().__init__(logging.INFO)

@@ -11,7 +11,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ..pipeline.outcome import Outcome
-from ..pipeline.steps import STEPS, count_steps
+from ..pipeline.pipeline import STEPS
 
 if TYPE_CHECKING:
     from ..pipeline.pipeline import Pipeline
@@ -98,7 +98,7 @@ def run_bar(plan: Pipeline) -> Iterator[RunBar | None]:
     if not _asks_for_progress():
         yield None
         return
-    shown = RunBar(count_steps(plan))
+    shown = RunBar(plan.steps)
     ended = Event()
 
     def tick() -> None:

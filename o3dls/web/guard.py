@@ -45,7 +45,8 @@ class Guard:
         except Refusal as refusal:
             await answered.refuse(refusal.status, {"error": str(refusal)})
         except Doubt as doubt:
-            await answered.refuse(422, {"error": str(doubt), "doubt": doubt.record()})
+            asked = {"doubt": doubt.record()} if doubt.answers else {}  # nobody can be asked without answers
+            await answered.refuse(422, {"error": str(doubt), **asked})
         except O3dlsError as error:
             await answered.refuse(422, {"error": str(error)})
         except (ConnectionError, asyncio.CancelledError):

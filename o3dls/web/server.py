@@ -24,7 +24,7 @@ GRACE = 1  # seconds in which pages that are being answered may be, at the end
 
 
 class _Protocol(H11Protocol):
-    """This protocol hangs up on who connects and asks for nothing, however slowly it begins to."""
+    """This protocol ends a connection on which nothing is asked for, however slowly it begins to be."""
 
     _patience: TimerHandle | None = None
 
