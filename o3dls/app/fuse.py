@@ -26,7 +26,7 @@ PRESETS: Mapping[str, Preset] = {
     ),
     "quick": Preset(
         "Quick",
-        "The same surface without cross-validation: the report cannot say how well unseen points are met.",
+        "The same surface without cross-validation: nothing tells how well unseen points are met.",
         ("folds=0",),
     ),
 }

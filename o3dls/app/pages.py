@@ -36,14 +36,13 @@ def home_page(folder: Path, listed: Mapping[str, Sequence[str]]) -> str:
 def case_page(case: Path, runs: Sequence[str], tell: Tell) -> str:
     """Write the page of a case: prior and points in one picture, and the steps from there to a run."""
     from ..io.case_reader import read_case
-    from ..report.drawing.scene import scene
-    from .place import placed, start_of
+    from .place import drawn, start_of
 
     found = read_case(case)
     start, said = start_of(found)
     names, _, _ = found.landmark_pairs()
-    drawn = data_block("scene", scene(placed(found, start)))
-    picture = tag("section", tag("h2", "Prior and map"), Html(asset("viewer.html")), drawn, id="pictures")
+    data = data_block("scene", drawn(found, start))
+    picture = tag("section", tag("h2", "Prior and map"), Html(asset("viewer.html")), data, id="pictures")
     steps = tag(
         "div",
         place_section(said, placing=len(names) < FEWEST_PAIRS),

@@ -26,7 +26,7 @@ UNPLACED = (
     "Nothing says yet where the prior stands in the map; in the picture it stands beside the points. Name at "
     "least three pairs of places, or leave it: a run then searches for the pose."
 )
-NEAR_PRIOR = "The prior is used as it stands: neither landmarks nor init.csv say otherwise."
+NEAR_PRIOR = "The prior is used as it stands: neither landmarks nor init.csv move it."
 
 
 def start_of(case: Case) -> tuple[Estimate, str]:
@@ -39,12 +39,33 @@ def start_of(case: Case) -> tuple[Estimate, str]:
     if not pose_unknown(case):
         given = case.init is not None or len(case.landmark_pairs()[0]) >= FEWEST_PAIRS
         return start, start.status if given else NEAR_PRIOR
+    return _stand_beside(case, start), UNPLACED
+
+
+def _stand_beside(case: Case, start: Estimate) -> Estimate:
+    """Return the prior on the left of the points, as the first view shows both."""
+    from ..report.mapping.views import orientation
+
+    to_the_right = orientation(placed(case, start)).left  # the patient's left is on the right of a picture
     xyz, vertices = case.points.of("eam").xyz, case.prior.vertices
+    wide = np.ptp(xyz @ to_the_right) + np.ptp(vertices @ to_the_right)
     T_map_prior = np.eye(4)
-    T_map_prior[:3, 3] = xyz.mean(axis=0) - vertices.mean(axis=0)
-    T_map_prior[0, 3] -= BESIDE * (np.ptp(xyz[:, 0]) + np.ptp(vertices[:, 0])) / 2
-    moved = replace(start, T_map_prior=T_map_prior, surface=case.prior.transformed(T_map_prior))
-    return moved, UNPLACED
+    T_map_prior[:3, 3] = xyz.mean(axis=0) - vertices.mean(axis=0) - BESIDE * wide / 2 * to_the_right
+    return replace(start, T_map_prior=T_map_prior, surface=case.prior.transformed(T_map_prior))
+
+
+def drawn(case: Case, start: Estimate) -> dict[str, Any]:
+    """Return what the viewer draws, in a picture that holds all points as well."""
+    from ..report.drawing.scene import scene
+
+    places = np.vstack([case.points.xyz, start.surface.vertices])
+    centre = (places.min(axis=0) + places.max(axis=0)) / 2
+    radius = float(np.linalg.norm(places - centre, axis=1).max())
+    return scene(placed(case, start)) | {
+        "framesPoints": True,
+        "centre": centre.tolist(),
+        "radius": radius,
+    }
 
 
 def placed(case: Case, start: Estimate) -> Subject:

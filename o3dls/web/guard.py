@@ -73,7 +73,7 @@ class Guard:
             return receive
         length = headers.get("content-length", "")
         if not (length.isascii() and length.isdecimal()):
-            raise Refusal(411, "a body must say its length")
+            raise Refusal(411, "a body must have a length")
         most = self._most(scope["path"])
         if len(length) > LONGEST or int(length) > most:
             await _drain(receive)
