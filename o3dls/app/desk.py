@@ -35,7 +35,6 @@ class Desk:
     def __init__(self, folder: Path, limits: Limits | None = None) -> None:
         self.shelf = Shelf(folder)
         self.job: Job | None = None
-        self.closing = False
         self._limits = limits or Limits()
         self._reader = Reader(self.shelf.folder)
         self._worker: Worker | None = None
@@ -137,7 +136,6 @@ class Desk:
 
     def close(self) -> None:
         """End what is at work."""
-        self.closing = True
         self._reader.end()
         if self._worker:
             self._worker.end()

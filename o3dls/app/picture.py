@@ -31,7 +31,8 @@ def draw(space: str, *, surface: Surface | None = None, points: Points | None = 
     from ..report.drawing.raster import Canvas, View
     from ..report.surfaces.display import decimated
 
-    parts = [one for one in (surface and surface.vertices, points and points.xyz) if one is not None]
+    parts = [surface.vertices] if surface is not None else []
+    parts += [points.xyz] if points is not None else []
     if not sum(map(len, parts)) or parts[0].shape[1] != 3:
         return None
     axes = np.array(FRONT.get(space, FRONT_LPS))

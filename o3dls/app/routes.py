@@ -131,7 +131,7 @@ def _upload_route(desk: Desk) -> Callable[[Request], Any]:
 def _event_route(desk: Desk) -> Callable[[Request], Any]:
     async def events() -> AsyncIterator[str]:
         told, silent = None, 0.0
-        while not desk.closing:
+        while True:
             job = desk.job
             now = (id(job), job.version) if job else None
             if job is not None and now != told:

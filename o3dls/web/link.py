@@ -9,11 +9,11 @@ from pathlib import Path
 
 
 @contextmanager
-def led_to(url: str, folder: Path) -> Iterator[Path]:
+def led_to(url: str, folder: Path, name: str = "page.html") -> Iterator[Path]:
     """Yield a file that leads a browser to a page, and is there while the block runs. Only this user can read
     it: the link holds the token, and what a program is started with is seen by all users of the machine.
     """
-    path = folder.resolve() / "page.html"
+    path = folder.resolve() / name
     path.unlink(missing_ok=True)  # of a session that was killed
     number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
     try:

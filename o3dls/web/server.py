@@ -8,7 +8,7 @@ from asyncio import TimerHandle, Transport
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread
-from typing import Any
+from typing import Any, cast
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -38,7 +38,7 @@ class _Protocol(H11Protocol):
         super().connection_lost(exc)
 
     def _close_silent(self) -> None:
-        if self.cycle is None:
+        if cast(Any, self).cycle is None:  # its type leaves out that no request may have come
             self.transport.close()
 
 

@@ -11,15 +11,16 @@ from typing import Any
 
 from o3dls.app.desk import Desk
 from o3dls.app.routes import most_bytes, routes_of
+from o3dls.pipeline.supervision import Limits
 from o3dls.web.server import LocalServer
 
 
 class Served:
     """A desk with its server."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, limits: Limits | None = None) -> None:
         self.folder = folder
-        self.desk = Desk(folder)
+        self.desk = Desk(folder, limits)
         self.server = LocalServer(routes_of(self.desk), "app", most_bytes)
 
     @property
@@ -56,16 +57,15 @@ class Served:
         return dict(json.loads(self.ask("PUT", f"/files/{name}", content)[1]))
 
     def close(self) -> None:
-        self.desk.closing = True
         self.server.close()
         self.desk.close()
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[Served]:
+def served(folder: Path, limits: Limits | None = None) -> Iterator[Served]:
     """An app on a folder, while the block runs."""
     folder.mkdir(exist_ok=True)
-    made = Served(folder)
+    made = Served(folder, limits)
     try:
         yield made
     finally:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import base64
+import http.client
+import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import nibabel
 import numpy as np
@@ -21,6 +25,7 @@ from o3dls.app.shelf import ENDINGS
 from o3dls.errors import Answer, Doubt, choices
 from o3dls.io.case_reader import read_case
 from o3dls.io.surfaces import read_surface, write_surface
+from o3dls.pipeline.supervision import Limits
 from o3dls.resources import demo_case
 from tests.app.served import Served, served
 
@@ -205,9 +210,6 @@ def test_a_server_that_is_killed_leaves_nothing_half_made(tmp_path: Path) -> Non
 
 
 def _begin_run(url: str) -> None:
-    import http.client
-    import json
-
     found = re.fullmatch(r"http://(127.0.0.1:(\d+))/\?token=(.*)", url)
     assert found
     host, port, token = found.groups()
@@ -232,3 +234,56 @@ def test_a_doubt_says_its_advice_to_who_reads_and_its_answers_to_who_is_asked() 
         assert str(one) == "a.nii: holds 2 labels; say --label"
         assert one.record()["question"] == "a.nii: holds 2 labels"
         assert [answer["words"] for answer in one.record()["answers"]] == ["1", "2", "none"]
+
+
+def events(app: Served) -> Iterator[dict[str, Any]]:
+    """What a page is told, as it comes."""
+    connection = http.client.HTTPConnection(app.host, timeout=60)
+    connection.request("GET", "/events", headers=app.headers())
+    answer = connection.getresponse()
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    while line := answer.readline().decode():
+        if line.startswith("data: "):
+            yield json.loads(line.removeprefix("data: "))
+    connection.close()
+
+
+def test_a_run_beyond_its_limit_is_ended_and_every_page_is_told(tmp_path: Path) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    shutil.copytree(demo_case(), work / "cases" / "one")
+    with served(work, Limits(seconds=3.0)) as app:
+        assert app.act("/fuse", {"case": "cases/one", "preset": "default"}) == {"run": "runs/one"}
+        assert "is at work" in app.act("/fuse", {"case": "cases/one", "preset": "default"})["error"]
+        first, second = (list(_until_ended(events(app))) for _ in range(2))
+        assert first[-1] == second[-1]  # who comes later is told the same
+        assert first[-1]["state"] == "refused"
+        assert first[-1]["said"] == "took more than 3 s and was stopped (--timeout)"
+        assert first[-1]["command"] == "o3dls run --case cases/one --out runs/one"
+        assert app.desk.shelf.listed()["runs"] == []
+        assert "no run is at work" in app.act("/cancel", {})["error"]
+
+
+def _until_ended(told: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    for job in told:
+        yield job
+        if job["state"] != "running":
+            return
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="this system lists no children")
+def test_an_interrupt_ends_the_command_and_its_processes(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "o3dls", "app", str(tmp_path), "--no-browser"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("http://127.0.0.1:")
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        assert children
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20.0) == 130
+        assert process.stderr.read() == "o3dls: interrupted\n"
+    end = time.monotonic() + 10.0
+    while any(Path(f"/proc/{child}").exists() for child in children):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == []

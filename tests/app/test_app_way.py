@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 import subprocess
 import sys
@@ -164,6 +165,41 @@ def test_the_way_from_a_carto_zip_and_a_label_volume(visit: Visit, app: Served, 
     says(visit, "#judge", "case 1-LA")
     command(app.folder, "run", "--case", "cases/study", "--out", "again", "--set", "folds=0", "--quiet")
     assert final_surface(app.folder / "again") == final_surface(app.folder / "runs" / "study-quick")
+
+
+def drop(visit: Visit, role: str, name: str, content: bytes) -> None:
+    """Drop a file onto the place of its role, as a mouse does."""
+    visit.page.evaluate(
+        """([role, name, text]) => {
+            const data = new DataTransfer();
+            data.items.add(new File([Uint8Array.from(atob(text), one => one.charCodeAt(0))], name));
+            const slot = document.getElementById(role);
+            const how = { dataTransfer: data, bubbles: true, cancelable: true };
+            for (const kind of ["dragover", "drop"]) slot.dispatchEvent(new DragEvent(kind, how));
+        }""",
+        [role, name, base64.b64encode(content).decode()],
+    )
+
+
+def test_wrong_files_that_are_dropped_end_in_a_sentence_or_a_choice(
+    visit: Visit, app: Served, shared_data: Path
+) -> None:
+    reports = shared_data / "reports"
+    closed = "#{} .question:not([hidden]) button, #{} .said.refused:not(:empty)"
+    for role, path, said in (
+        ("prior", "07-qform-against-sform/mirrored.nii", "the sform is right"),
+        ("prior", "04-wall-taken-for-the-chamber/wall.nii.gz", "label 2"),
+        ("prior", "23-nifti-units-dead-end/says_um.nii", "its units are"),
+        ("prior", "11-points-only-as-one-kind-of-csv/cloud.xyz", "is not a surface"),
+        ("map", "07-qform-against-sform/mirrored.nii", "is binary where text was expected"),
+        ("landmarks", "17-cap-on-a-soup/soup.stl", "is binary where text was expected"),
+    ):
+        drop(visit, role, Path(path).name, (reports / path).read_bytes())
+        says(visit, f"#{role}", said)
+        visit.page.locator(closed.format(role, role)).first.wait_for(timeout=READ)
+        assert visit.page.locator(f"#{role} .read dl").count() == 0
+    drop(visit, "map", "points.csv", (demo_case() / "points.csv").read_bytes())
+    says(visit, "#map .read", "250 eam")  # the page goes on
 
 
 def test_pairs_are_clicked_until_they_place_the_prior(visit: Visit, app: Served, tmp_path: Path) -> None:
