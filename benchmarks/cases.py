@@ -549,6 +549,12 @@ def made(wanted: Wanted, data: Path) -> Case:
     return replace(crossed_case, prior_of="template")
 
 
+def _with_later_seed(wanted: CaseOfASet, by: int) -> CaseOfASet:
+    """The same kind of case with another seed, which its name ends with."""
+    seed = wanted.seed + by
+    return replace(wanted, seed=seed, name=f"{wanted.name.rpartition('_')[0]}_{seed}")  # type: ignore[type-var]
+
+
 @cache
 def _read_wall(data: Path, name: str) -> Surface:
     return read_wall(data / "priors" / name)
@@ -569,8 +575,12 @@ def main() -> None:
     parser.add_argument("--judging", action="store_true", help="the cases that nothing is chosen on")
     parser.add_argument("--only", default="*", metavar="PATTERN", help="names, as the shell matches them")
     parser.add_argument("--list", action="store_true", help="print names and what they are made of, no cases")
+    parser.add_argument(
+        "--later", type=int, default=0, metavar="N", help="add N to the seeds: cases that nobody has tried"
+    )
     arguments = parser.parse_args()
-    for wanted in SETS[arguments.set](arguments.judging):
+    for first in SETS[arguments.set](arguments.judging):
+        wanted = _with_later_seed(first, arguments.later)
         if not fnmatch(wanted.name, arguments.only):
             continue
         said = f"{wanted.name}: {wanted.prior}" + (f" -> {wanted.truth}" if wanted.truth else "")

@@ -99,7 +99,8 @@ def judged(listed: Listed, folds: int = 0, keep: Path | None = None) -> Record:
     with TemporaryDirectory() as temporary:
         folder = run.write((keep or Path(temporary)) / listed.name, force=True)
         graded = grading(folder)
-    truth = {"truth": true_errors(case, run.estimates)}
+        by_region = region_errors(case, folder)
+    truth = {"truth": true_errors(case, run.estimates) | {"regions": by_region}}
     return {**about, **graded, **seconds, "stats": statistics(run), **truth}
 
 
@@ -108,20 +109,42 @@ def grading(folder: Path) -> Record:
     from o3dls.cli.summary import summary
     from o3dls.report.checks import checks
     from o3dls.report.expected import expected_error
+    from o3dls.report.grading.doubts import doubted_regions
     from o3dls.report.subject import read_subject
     from o3dls.run_warning import each_once
 
     subject = read_subject([folder])
+    found = checks(subject)
     warned = each_once(one for e in subject.last.run.estimates.values() for one in e.warnings)
     expected = expected_error(subject)
     return {
         "grade": summary(folder).grade,
         "final": subject.last.key,
-        "checks": [{"name": one.name, "grade": one.grade, "said": one.said} for one in checks(subject)],
+        "checks": [{"name": one.name, "grade": one.grade, "said": one.said} for one in found],
+        "doubts": [{"name": one.name, "said": one.said} for one in doubted_regions(subject, found)],
         "warnings": [warning.record() for warning in warned],
         "headline": None if expected is None else vars(expected),
         "validity": dict(subject.last.validity),
     }
+
+
+def region_errors(case: Case, folder: Path) -> dict[str, float]:
+    """Mean distance of each region of a run's last surface from the true one, by its name; empty where the
+    regions are not known.
+    """
+    from o3dls.evaluation.regions import word
+    from o3dls.report.mapping.wall_regions import wall_regions
+    from o3dls.report.subject import read_subject
+
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    subject = read_subject([folder])
+    surface = subject.last.estimate.surface
+    of = wall_regions(subject, surface)
+    if of is None:
+        return {}
+    gap, area = distances(surface.vertices, case.truth.surface), surface.vertex_areas
+    return {word(int(k)): float(area[of == k] @ gap[of == k] / area[of == k].sum()) for k in np.unique(of)}
 
 
 def graded_again(record: Record, runs: Path) -> Record:

@@ -1,0 +1,87 @@
+"""What a report's first screen says of each case, against the truth: python -m benchmarks.said RECORDS
+
+    python -m benchmarks.verdict CASES --folds 5 --records said.jsonl
+    python -m benchmarks.verdict CASES --records said.jsonl --peers thin-plate poisson
+    python -m benchmarks.said said.jsonl
+
+A row has the grade, the error that the headline expects and the true one (mean of both directions, mm), why
+the result is bad, the regions that the screen names as not to rely on, and the region of the result that is
+farthest from the true wall in the mean. `named`: whether that region is among the named ones. Under the rows:
+how many bad results are OK, and the AUC of the grade.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.scores import Record
+from benchmarks.verdict import GRADES, WORDS, auc, read_records, reasons, true_error
+
+HEAD = ("case", "grade", "expected", "true", "bad", "do not rely on", "worst region", "named")
+
+
+def table(records: Sequence[Record]) -> str:
+    """The rows as a table of Markdown, and what they come to; refused cases are named below it."""
+    done = [record for record in records if "grade" in record]
+    rows = [HEAD, ("---",) * len(HEAD), *map(_describe, done)]
+    refused = [record["case"] for record in records if "error" in record]
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([*lines, "", *_sum_up(done), *([f"refused: {', '.join(refused)}"] if refused else [])])
+
+
+def worst_region(record: Record) -> str | None:
+    """The region with the largest true error; None where regions are not known."""
+    regions = record["truth"].get("regions") or {}
+    return max(regions, key=regions.__getitem__, default=None)
+
+
+def _describe(record: Record) -> tuple[str, ...]:
+    expected, worst = (record.get("headline") or {}).get("all"), worst_region(record)
+    doubts = [doubt["name"] for doubt in record["doubts"]]
+    return (
+        record["case"],
+        WORDS[record["grade"]],
+        "" if expected is None else f"{expected:.2f}",
+        f"{true_error(record):.2f}",
+        " ".join(reasons(record)),
+        ", ".join(doubts),
+        "" if worst is None else f"{worst} {record['truth']['regions'][worst]:.1f}",
+        "" if worst is None else "yes" if worst in doubts else "no",
+    )
+
+
+def _sum_up(records: Sequence[Record]) -> list[str]:
+    bad = [record for record in records if reasons(record)]
+    good = [record for record in records if not reasons(record)]
+    calm = sum(record["grade"] == "good" for record in bad)
+    alarmed = sum(record["grade"] != "good" for record in good)
+    levels = [[GRADES[record["grade"]] for record in side] for side in (bad, good)]
+    known = [record for record in records if worst_region(record) and record["doubts"]]
+    named = sum(worst_region(r) in {doubt["name"] for doubt in r["doubts"]} for r in known)
+    ratio = [true_error(r) / r["headline"]["all"] for r in records if r.get("headline")]
+    found = [
+        f"{len(records)} cases, {len(bad)} bad: {calm} of them OK; {alarmed} of {len(good)} good not OK",
+        f"AUC of the grade: {auc(*levels):.2f}",
+    ]
+    if known:
+        found.append(f"worst region among those named: {named} of {len(known)} screens that name any")
+    if ratio:
+        found.append(f"true over expected error: median {np.median(ratio):.2f}, largest {max(ratio):.1f}")
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("records", type=Path, help="what benchmarks.verdict wrote, a line per case")
+    given = parser.parse_args()
+    print(table(list(read_records(given.records).values())))
+
+
+if __name__ == "__main__":
+    main()
