@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 
 class O3dlsError(Exception):
@@ -13,6 +16,36 @@ class O3dlsError(Exception):
 
 class InputError(O3dlsError):
     """A file or an argument holds something that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An answer ends a doubt: it has what a person reads, and the settings that say the same as keys of
+    case.toml, keywords and options.
+    """
+
+    words: str
+    settings: Mapping[str, str | int | float | bool]
+
+
+class Doubt(InputError):
+    """A doubt is an error that one more setting ends. Who reads it is told `said; advice`, where the advice
+    names options; who can be asked is asked `said`, with the answers.
+    """
+
+    def __init__(self, said: str, advice: str = "", answers: Sequence[Answer] = ()) -> None:
+        super().__init__(f"{said}; {advice}" if advice else said)
+        self.question, self.answers = said, tuple(answers)
+
+    def record(self) -> dict[str, Any]:
+        """Return question and answers as plain values."""
+        answers = [{"words": one.words, "settings": dict(one.settings)} for one in self.answers]
+        return {"question": self.question, "answers": answers}
+
+
+def choices(key: str, values: Sequence[str | int], words: str = "{}") -> list[Answer]:
+    """Return an answer for each value of a setting; words: what each says."""
+    return [Answer(words.format(value), {key: value}) for value in values]
 
 
 class PipelineError(O3dlsError):

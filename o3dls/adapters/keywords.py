@@ -25,7 +25,8 @@ def keyword_errors() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(in_keywords(str(error))) from None
+        error.args = (in_keywords(str(error)),)
+        raise
 
 
 def in_keywords(sentence: str) -> str:

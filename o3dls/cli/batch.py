@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .interrupts import first_told
-from .options import as_json, overrides, progress
+from .options import as_json, limits, overrides, progress
 from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
 
 if TYPE_CHECKING:
@@ -19,27 +19,7 @@ if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
     from ..report.cohort.entries import Entry
 
-Callback = Callable[[click.Context, click.Parameter, str | None], object]
-SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 NO_PLACES: Mapping[str, Path | None] = {"table": None, "page": None}  # of a part of a study
-BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
-
-
-def _amount_reader(units: dict[str, int], example: str) -> Callback:
-    """Make a callback that reads a number above zero with its unit, as a count of the smallest unit."""
-
-    def read(_: click.Context, __: click.Parameter, value: str | None) -> float | None:
-        if value is None:
-            return None
-        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", value)
-        if not match or match[2] not in units or not float(match[1]):
-            known = ", ".join(units)
-            raise click.BadParameter(
-                f"'{value}': must be a number above 0 with one of {known} behind it, such as {example}"
-            )
-        return float(match[1]) * units[match[2]]
-
-    return read
 
 
 def _read_part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -86,18 +66,7 @@ def _read_part(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     metavar="I/N",
     help="run only the I-th of N parts of the cases, and then `o3dls cohort` for the table and the page",
 )
-@click.option(
-    "--timeout",
-    callback=_amount_reader(SECONDS, "10m"),
-    metavar="TIME",
-    help="time limit of a case: 90s, 10m, 2h, 1d",
-)
-@click.option(
-    "--memory",
-    callback=_amount_reader(BYTES, "2GB"),
-    metavar="SIZE",
-    help="memory limit of a case: 800MB, 2GB, 2GiB",
-)
+@limits
 @click.option(
     "--retries",
     type=click.IntRange(min=0),

@@ -8,6 +8,7 @@ import click
 
 from .. import __version__
 from ..errors import O3dlsError, SolverError
+from . import app as cli_app
 from . import batch as cli_batch
 from . import files as cli_files
 from . import live as cli_live
@@ -58,7 +59,7 @@ def _report_failure(sentence: str, code: int) -> int:
 
 # what people come for, and the commands that do it
 TASKS = {
-    "From a case to a run": ("demo", "init", "import", "check", "run", "batch"),
+    "From a case to a run": ("demo", "app", "init", "import", "check", "run", "batch"),
     "Look at runs": ("report", "view", "slices", "wall", "next", "compare", "cohort"),
     "While a map is being taken": ("live", "send"),
     "Files for other programs": ("convert", "export", "carry"),
@@ -88,7 +89,7 @@ def cli() -> None:
     check_environment()
 
 
-for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files):
+for module in (cli_runs, cli_app, cli_batch, cli_live, cli_settings, cli_files):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

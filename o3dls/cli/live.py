@@ -136,7 +136,8 @@ def _serve_page(
     """Serve the page while the block runs, and then until nobody reads the report there any more. opened: the
     folder of the file by which a browser is led to the page, where it shall be opened.
     """
-    from ..live.server import LiveServer, led_to
+    from ..live.server import LiveServer
+    from ..web.link import led_to
 
     server = LiveServer(host.act, port=port)
     tellers.append(server.publish)

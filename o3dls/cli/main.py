@@ -24,7 +24,7 @@ def main() -> None:
     try:
         with heeded():
             from ..child_processes import protect_path
-            from .terminal import prepare
+            from .words import prepare
 
         protect_path()
         delay_unused()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -15,6 +16,9 @@ from ..case import PRIOR_OF
 from . import completion
 from .words import FILE
 
+Callback = Callable[[click.Context, click.Parameter, str | None], object]
+SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
+BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
 overrides = click.option(
     "--set",
@@ -64,6 +68,40 @@ def prior_choice(command: Any) -> Any:
     ):
         command = option(command)
     return command
+
+
+def _amount_reader(units: dict[str, int], example: str) -> Callback:
+    """Make a callback that reads a number above zero with its unit, as a count of the smallest unit."""
+
+    def read(_: click.Context, __: click.Parameter, value: str | None) -> float | None:
+        if value is None:
+            return None
+        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", value)
+        if not match or match[2] not in units or not float(match[1]):
+            known = ", ".join(units)
+            raise click.BadParameter(
+                f"'{value}': must be a number above 0 with one of {known} behind it, such as {example}"
+            )
+        return float(match[1]) * units[match[2]]
+
+    return read
+
+
+def limits(command: Any) -> Any:
+    """Add the options that bound the time and the memory of a case."""
+    timeout = click.option(
+        "--timeout",
+        callback=_amount_reader(SECONDS, "10m"),
+        metavar="TIME",
+        help="time limit of a case: 90s, 10m, 2h, 1d",
+    )
+    memory = click.option(
+        "--memory",
+        callback=_amount_reader(BYTES, "2GB"),
+        metavar="SIZE",
+        help="memory limit of a case: 800MB, 2GB, 2GiB",
+    )
+    return timeout(memory(command))
 
 
 def progress(command: Any) -> Any:

@@ -11,14 +11,13 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from ..pipeline.outcome import Outcome
+from ..pipeline.pipeline import STEPS
 
 if TYPE_CHECKING:
     from ..pipeline.pipeline import Pipeline
 
 LENGTH = 24  # letters
 WIPE = "\r\x1b[K"
-# of a run, as its log says them
-STEPS = ("%s: %s (%.2f s)", "fold %d of %d: %d points left out", "writing %s")
 
 
 class Bar:
@@ -99,7 +98,7 @@ def run_bar(plan: Pipeline) -> Iterator[RunBar | None]:
     if not _asks_for_progress():
         yield None
         return
-    shown = RunBar(len(plan.stages) + plan.folds + len(plan.writes))
+    shown = RunBar(plan.steps)
     ended = Event()
 
     def tick() -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 import json
+import logging
 import os
 import shutil
 import sys
@@ -18,6 +21,7 @@ DONE, NOT_VALID, WRONG_INPUT, INTERNAL = 0, 1, 2, 3
 INTERRUPTED, UNREAD = 130, 141  # 128 + SIGINT for Ctrl-C, 128 + SIGPIPE for a closed stdout
 MOST_LETTERS = 4000  # in a sentence: room for two file paths of the greatest length
 WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # paths are to be copied
+CLOCK = 10  # letters of the seconds before a line of the log
 FILE = FOLDER = click.Path(path_type=Path)
 
 
@@ -59,3 +63,44 @@ def complain(sentence: str) -> None:
 def shortened(sentence: str) -> str:
     """Cut a sentence to a length that people read; what is quoted in it may be of any length."""
     return sentence if len(sentence) <= MOST_LETTERS else sentence[: MOST_LETTERS - 1] + "…"
+
+
+class Lines(logging.Formatter):
+    """Lines show progress as plain text; a line on something wrong says so first. On a terminal each begins
+    with the seconds since the start.
+    """
+
+    def __init__(self, terminal: bool) -> None:
+        super().__init__()
+        self.terminal = terminal
+
+    def format(self, record: logging.LogRecord) -> str:
+        said = escaped(record.getMessage())
+        if record.levelno > logging.INFO:
+            said = f"{record.levelname.lower()}: {said}"
+        if not self.terminal:
+            return said
+        line = f"{record.relativeCreated / 1000.0:6.1f} s  {said}"
+        wide = shutil.get_terminal_size().columns
+        return "\n".join(wrap(line, wide, subsequent_indent=" " * CLOCK, **WHOLE))
+
+
+def prepare() -> None:
+    """Set up the log and stdout."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(Lines(sys.stderr.isatty()))
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
+    logging.getLogger("o3dls").setLevel(logging.INFO)
+    codecs.register_error("o3dls", _write_unknown)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="o3dls")
+
+
+def _write_unknown(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Write letters that the terminal does not know as in a literal of Python. Names of folders may hold
+    bytes that are no text: they go out as they came in.
+    """
+    try:
+        return codecs.lookup_error("surrogateescape")(error)
+    except UnicodeError:
+        return codecs.backslashreplace_errors(error)

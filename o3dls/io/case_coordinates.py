@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..case import MILLIMETRES
-from ..errors import InputError
+from ..errors import Doubt, InputError, choices
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
 from .case_settings import Folder
@@ -89,9 +89,10 @@ def overruled(where: Path | str, file: SurfaceFile, given: str | None) -> Surfac
         return replace(file, surface=surface, units="mm", notes=(*file.notes, said))
     if given is None and not POSSIBLE[0] <= diagonal <= POSSIBLE[1]:
         likely = min(extents, key=lambda unit: abs(float(np.log(extents[unit] / ATRIUM))))
-        raise InputError(
-            f"{where}: states units {stated}, by which it extends over {diagonal:.3g} mm; if its units are "
-            f"{likely}, say --units {likely}, else --units {stated}"
+        raise Doubt(
+            f"{where}: states units {stated}, by which it extends over {diagonal:.3g} mm",
+            f"if its units are {likely}, say --units {likely}, else --units {stated}",
+            choices("units", (likely, stated), "its units are {}"),
         )
     return file
 
@@ -135,9 +136,10 @@ def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0) -> None:
         else None
     )
     if likely:
-        raise InputError(
-            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, "
-            "else --units mm"
+        raise Doubt(
+            f"{path}: extends over {diagonal:.3g} mm",
+            f"if its units are {likely}, say --units {likely}, else --units mm",
+            choices("units", (likely, "mm"), "its units are {}"),
         )
 
 

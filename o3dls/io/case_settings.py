@@ -175,7 +175,8 @@ def lines_said() -> Iterator[None]:
             sentence += ", in case.toml"
         elif found := re.search(rf"say --(units|frame) ({'|'.join((*MILLIMETRES, *SPACES))})\b", sentence):
             sentence += f', or {found[1]} = "{found[2]}" and so on in case.toml'
-        raise InputError(sentence) from None
+        error.args = (sentence,)
+        raise
 
 
 def new_folder(path: Path, settings: dict[str, Any]) -> Folder:

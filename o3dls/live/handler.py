@@ -1,51 +1,33 @@
-"""What a page may ask of the server, and what everything else is told.
-
-A link with the token opens the page and leaves the token as a cookie that scripts cannot read and that no
-other site's request carries. Host and Origin must be ours: a name turned to this machine gets nothing.
+"""What a page may ask of the server, and what everything else is told; whom it answers say the rules of all
+our servers.
 """
 
 from __future__ import annotations
 
-import hmac
 import json
 import logging
 import select
-from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from ..errors import InputError, O3dlsError
+from ..web.rules import HEADERS, PATIENCE, Refusal, check_sender, check_token, cookie_line
 from .board import Board, Box, Sent
 from .messages import MOST, parse_action
 from .page import live_page
 from .roles import Roles
 
+COMMAND = "live"
 PAGES = 5  # a browser opens six connections to one server, and an action needs one
 BEAT = 1.0  # seconds after which a silent page is sent a sign of life
 RETRY = 1000  # ms after which a page that lost its connection comes back
-PATIENCE = 10.0  # seconds that a page may take to ask or to read
 LONGEST = 20  # digits of a length; Python reads a number of at most 4300
 DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
 NAME = 64  # letters of a page's name, at most
-HEADERS = {
-    "Cache-Control": "no-store",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
 log = logging.getLogger("o3dls")
 PATHS = {"/": "GET", "/events": "GET", "/report": "GET", "/act": "POST", "/role": "POST"}
-
-
-class Refusal(Exception):
-    """A refusal says why a request does not get what it asked for: status and one sentence."""
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
 
 
 class Pages(Protocol):
@@ -113,9 +95,8 @@ class Handler(BaseHTTPRequestHandler):
             asked = urlsplit(self.path)
         except ValueError as error:  # such as half an address in brackets
             raise Refusal(400, "the path is no address") from error
-        self._check_sender()
         given = parse_qs(asked.query)
-        self._check_token(given.get("token", [""])[0] if asked.path == "/" else "")
+        self._check_asker(given.get("token", [""])[0] if asked.path == "/" else "")
         if asked.path not in PATHS:
             raise Refusal(404, "there is no such page")
         if method != PATHS[asked.path]:
@@ -129,30 +110,11 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self._answer_post(asked.path, self._check_page_name(self.headers.get("X-Page", "")))
 
-    def _check_sender(self) -> None:
-        """Raise Refusal where the request was meant for another server, or comes from another's page."""
-        hosts = [f"{name}:{self.live.port}" for name in ("127.0.0.1", "localhost")]
-        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
-        if host not in hosts:
-            raise Refusal(403, "this server answers to its own address alone")
-        if origin is None and self.command != "GET":
-            raise Refusal(403, "a request that changes something must say where it comes from (Origin)")
-        if origin not in (None, f"http://{host}"):
-            raise Refusal(403, "this server answers its own page alone")
-
-    def _check_token(self, given: str) -> None:
-        try:
-            cookies = SimpleCookie(self.headers.get("Cookie", ""))
-        except CookieError:
-            cookies = SimpleCookie()
-        kept = cookies[self._cookie_name].value if self._cookie_name in cookies else ""
-        if not any(hmac.compare_digest(one.encode(), self.live.token.encode()) for one in (given, kept)):
-            raise Refusal(403, "open the page by the link that o3dls live printed: it holds the token")
-
-    @property
-    def _cookie_name(self) -> str:
-        """A name of its own for each port, since browsers give all ports of a machine the same cookies."""
-        return f"o3dls_live_{self.live.port}"
+    def _check_asker(self, token: str) -> None:
+        """Raise Refusal for whom the rules of our servers do not answer; token: the one of the link."""
+        live, headers = self.live, self.headers
+        check_sender(live.port, self.command, headers.get("Host", ""), headers.get("Origin"))
+        check_token(COMMAND, live.port, live.token, token, headers.get("Cookie", ""))
 
     def _check_page_name(self, page: str) -> str:
         if not (page.isascii() and page.isalnum() and len(page) <= NAME):
@@ -160,7 +122,7 @@ class Handler(BaseHTTPRequestHandler):
         return page
 
     def _send_page(self) -> None:
-        cookie = f"{self._cookie_name}={self.live.token}; HttpOnly; SameSite=Strict; Path=/"
+        cookie = cookie_line(COMMAND, self.live.port, self.live.token)
         self._send_html(live_page(), {"Set-Cookie": cookie})
 
     def _send_report(self) -> None:

@@ -2,41 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import secrets
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from http.server import ThreadingHTTPServer
-from pathlib import Path
 from threading import Lock, Thread
 from time import monotonic, sleep
 from typing import Any
 
 from ..errors import InputError
+from ..web.rules import NAMES
 from .board import Board, Box, Event, Sent
 from .handler import Handler
 from .roles import Roles
 
-LOCAL = ("127.0.0.1", "localhost")
 ANEW = 2.0  # seconds in which a page that loads anew is back
 LOOK = 0.1  # seconds between two looks at whether pages are open
 Act = Callable[[dict[str, Any]], dict[str, Any]]
-
-
-@contextmanager
-def led_to(url: str, folder: Path) -> Iterator[Path]:
-    """Yield a file that leads a browser to a page, and is there while the block runs. Only this user can read
-    it: the link holds the token, and what a program is started with is seen by all users of the machine.
-    """
-    path = folder.resolve() / "page.html"
-    path.unlink(missing_ok=True)  # of a session that was killed
-    number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-    try:
-        with open(number, "w", encoding="utf-8") as file:
-            file.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={url}">\n')
-        yield path
-    finally:
-        path.unlink(missing_ok=True)
 
 
 class LiveServer:
@@ -47,8 +28,8 @@ class LiveServer:
     """
 
     def __init__(self, act: Act, host: str = "127.0.0.1", port: int = 0) -> None:
-        if host not in LOCAL:
-            raise InputError(f"host = '{host}': the page is served to this machine alone: {LOCAL[0]}")
+        if host not in NAMES:
+            raise InputError(f"host = '{host}': the page is served to this machine alone: {NAMES[0]}")
         self.board, self.roles = Board(), Roles()
         self.token = secrets.token_urlsafe(24)
         self._act, self._acting = act, Lock()

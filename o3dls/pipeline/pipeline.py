@@ -40,6 +40,8 @@ from .start import (
 )
 
 START = "start"
+# what the log says at the end of a stage and of a fold, and at the beginning of a file
+STEPS = ("%s: %s (%.2f s)", "fold %d of %d: %d points left out", "writing %s")
 log = logging.getLogger("o3dls")
 
 
@@ -76,6 +78,11 @@ class Pipeline:
     def names(self) -> list[str]:
         """Names of the estimates in order, `start` first."""
         return [START, *(stage.estimate_name for stage in self.stages)]
+
+    @property
+    def steps(self) -> int:
+        """How many lines of a run's log, those of STEPS, say how far it is."""
+        return len(self.stages) + self.folds + len(self.writes)
 
     @property
     def sources(self) -> dict[str, str]:

@@ -56,7 +56,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
 
 def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
     with _report_no_process(), safe_path():  # semaphores have a process of Python that looks after them
-        return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
+        return ProcessPoolExecutor(processes, spawn, initializer=begin_process, initargs=given)
 
 
 @contextmanager
@@ -101,9 +101,9 @@ def _block_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin_process(processes: int, parent: Connection) -> None:
-    """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
-    no more.
+def begin_process(processes: int, parent: Connection) -> None:
+    """Prepare a process that serves this one: it has its share of the cores, and ends when told, or when
+    its parent is no more.
     """
     parallel.limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides

@@ -102,11 +102,10 @@ FOLLOWED = {
     "as `o3dls settings": COMMANDS + "test_settings_that_others_print",
     "`o3dls paper --out": "paper/test_paper.py::"
     "test_a_quick_page_has_every_section_and_says_what_is_left_out",
-    "by the link that o3dls live printed": LIVE + "test_the_link_that_is_printed_opens_the_page",
     # options of files, as `convert`, `init` and `import` have them
-    "by which it extends over {} mm; if its units are {}, say --units": IO_ADVICE
+    "if its units are {}, say --units {}, else --units {}": IO_ADVICE
     + "test_units_of_a_header_that_cannot_be_meant_are_asked_about_at_every_door",
-    "{}: extends over {} mm; if its units are {}, say --units": OPTIONS
+    "if its units are {}, say --units {}, else --units mm": OPTIONS
     + "test_units_that_are_said_of_points_alone",
     "say --units um or --units mm to convert or run": OPTIONS
     + "test_units_of_opencarp_are_said_to_convert_and_run",
@@ -267,6 +266,7 @@ NO_ADVICE = {
     "which columns of the points these are, where headings do not say...",
     "distance over which a point has a say in the amplitude...",
     # what is at fault, or was done
+    "{}: {}, so it does not say how its axes lie in the body",
     "--{} {}: no such file",
     "--{} {}",
     "--set {}",
@@ -283,6 +283,9 @@ NO_ADVICE = {
     " The case does not say its frame: views are by the {}.",
     # titles, lines of files, patterns, and parts of sentences
     "o3dls live",
+    "o3dls app",
+    "{}: o3dls app",
+    "say ",
     "o3dls paper --out DIR{}",
     " --quick",
     "[[{}]] use = {} {}",

@@ -16,7 +16,7 @@ from o3dls.cli.doctor import Check
 from o3dls.cli.main import answer
 from o3dls.cli.progress import Bar, RunBar
 from o3dls.cli.progress import bar as progress_bar
-from o3dls.cli.terminal import Lines
+from o3dls.cli.words import Lines
 from o3dls.io.case_writer import write_case
 from o3dls.pipeline.file import read_pipeline
 from o3dls.pipeline.outcome import Outcome

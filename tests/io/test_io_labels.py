@@ -11,8 +11,8 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
-from o3dls.io.images.labels import _whole_values, surface_of
-from o3dls.io.images.voxels import Image
+from o3dls.io.images.labels import surface_of
+from o3dls.io.images.voxels import Image, whole_values
 from o3dls.io.surfaces import read_surface_file
 from o3dls.runs.conversion import convert
 
@@ -617,8 +617,8 @@ def test_labels_are_those_that_numpy_finds(kind: str) -> None:
     if kind in ("i2", "i8"):
         cases.append(-values)
     for one in cases:
-        assert _whole_values("a", one) == set(np.unique(one).tolist())
+        assert whole_values("a", one) == set(np.unique(one).tolist())
     most = np.array([[2**64 - 1, 2**64 - 3]], dtype="u8")
-    assert _whole_values("a", most) == {2**64 - 1, 2**64 - 3}
+    assert whole_values("a", most) == {2**64 - 1, 2**64 - 3}
     wide = np.array([[-(1 << 62), 1 << 62, 5]], dtype="i8")
-    assert _whole_values("a", wide) == {-(1 << 62), 1 << 62, 5}
+    assert whole_values("a", wide) == {-(1 << 62), 1 << 62, 5}

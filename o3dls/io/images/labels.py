@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ...errors import InputError, did_you_mean
+from ...errors import Answer, Doubt, InputError, choices, did_you_mean
 from ..meshes.surface_file import SurfaceFile
 from ..text import is_count, listed
 from .pieces import joined
 from .registry import knows, read_image
 from .sidecar import DECIDED
-from .voxels import Image
+from .voxels import Image, whole_values
 from .wall import cut_area, mask_surface, slices_first
 from .whole import (
     AROUND,
@@ -30,7 +30,6 @@ from .whole import (
 
 __all__ = ["knows", "read"]
 MANY_LABELS = 200  # different ones: an atlas of the whole body has some hundred
-MOST_COUNTED = 1 << 16  # values between the least and the greatest
 MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
 
@@ -75,10 +74,12 @@ def surface_of(
     check_layout(image.values.shape, path)
     values, label = _choose_label(path, image, label, part, layer)
     if (around := share_of_border(values, label)) > AROUND:
-        others = ", ".join(str(n) for n in _find_labels(path, values, None) if n != label) or "none is there"
-        raise InputError(
+        others = [n for n in _find_labels(path, values, None) if n != label]
+        raise Doubt(
             f"{path}: label {label} covers {around:.0%} of the outermost voxels of the volume: it is the "
-            f"background, or the mask is inverted; say the label of the chamber with --label ({others})"
+            "background, or the mask is inverted",
+            f"say the label of the chamber with --label ({', '.join(map(str, others)) or 'none is there'})",
+            _list_answers({}, "label", others),
         )
     mask, affine = _cut_out(values, label, image.affine)
     if box is not None:
@@ -164,16 +165,17 @@ def _choose_label(
                 "volume: segment the chamber first and save its labels; if these are labels, say --label"
             )
         if len(labels) != 1:
-            raise InputError(f"{path}: holds {len(labels)} labels" + hint)
+            raise Doubt(f"{path}: holds {len(labels)} labels", hint, _list_answers(parts, "label", labels))
         (label,) = labels
     layers_of = [k for k, values in found.items() if label in values]
     if len(layers_of) > 1:
-        raise InputError(
-            f"{path}: label {label} is in {len(layers_of)} layers"
-            + _hint_options(parts, f"--layer ({listed(layers_of)})")
+        raise Doubt(
+            f"{path}: label {label} is in {len(layers_of)} layers",
+            _hint_options(parts, f"--layer ({listed(layers_of)})"),
+            _list_answers(parts, "layer", layers_of),
         )
     if not layers_of:
-        raise InputError(f"{path}: has no label {label}" + hint)
+        raise Doubt(f"{path}: has no label {label}", hint, _list_answers(parts, "label", labels))
     return layers[..., layers_of[0]], label
 
 
@@ -183,12 +185,17 @@ def _check_layer(path: str, layer: int, number: int, what: str) -> int:
     return layer
 
 
+def _list_answers(segments: Mapping[str, Any], key: str, values: Sequence[int]) -> list[Answer]:
+    """Return the answers that say which label or layer is meant; the names of segments say it better."""
+    return choices("part", list(segments)) if segments else choices(key, values, key + " {}")
+
+
 def _hint_options(segments: Mapping[str, Any], option: str) -> str:
     """Return the options that say which label or layer is meant: the one named, or a segment of those there
     are.
     """
     parts = [f"--part ({', '.join(segments)})"] if segments else []
-    return "; say " + " or ".join([option, *parts])
+    return "say " + " or ".join([option, *parts])
 
 
 def _find_labels(path: str, values: NDArray[Any], outside: int | None) -> list[int]:
@@ -199,28 +206,12 @@ def _find_labels(path: str, values: NDArray[Any], outside: int | None) -> list[i
     middle = len(values) // 2
     found: set[int] = set()
     for k in sorted(range(len(values)), key=lambda k: abs(k - middle)):
-        found |= _whole_values(path, values[k])
+        found |= whole_values(path, values[k])
         if len(found) > MOST_LABELS:
             raise InputError(
                 f"{path}: holds more than {MOST_LABELS} different values; it is an image, not a label volume"
             )
     return sorted(found - {outside})
-
-
-def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
-    """Return the different values of a slice. Raises InputError where one is not a whole number."""
-    if values.dtype.kind in "iu":
-        low, high = int(values.min()), int(values.max())
-        if high - low < MOST_COUNTED:  # counting takes a tenth of the time of sorting
-            above = values.astype(np.int64)
-            above -= above.min()
-            return {low + int(k) for k in np.flatnonzero(np.bincount(above.ravel()))}
-    found = np.unique(values)
-    if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
-        raise InputError(
-            f"{path}: holds values that are not whole numbers; it is an image, not a label volume"
-        )
-    return {int(value) for value in found}
 
 
 def _cut_out(values: NDArray[Any], label: int, affine: Array) -> tuple[NDArray[np.bool_], Array]:

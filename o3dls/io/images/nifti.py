@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...arrays import Array
-from ...errors import InputError
+from ...errors import Doubt, InputError, choices
 from ...geometry.similarity import TURN
 from .layout import Layout
 from .voxels import Image, along_axes, beside, check_affine, inflate, packed, shaped, size_of
@@ -217,10 +217,11 @@ def _check_same_place(
     apart = float(np.linalg.norm(corners @ (sform - qform).T, axis=1).max())
     if not apart <= np.linalg.norm(sform[:3, :3], axis=0).max():
         mirrored = np.linalg.det(sform[:3, :3]) * np.linalg.det(qform[:3, :3]) < 0.0
-        raise InputError(
+        raise Doubt(
             f"{where}: its sform and its qform put the volume up to {apart * factor:.3g} mm apart"
-            f"{', one the mirror image of the other' if mirrored else ''}; programs differ in which they "
-            f"follow: {advice}"
+            f"{', one the mirror image of the other' if mirrored else ''}",
+            f"programs differ in which they follow: {advice}",
+            choices("form", ("sform", "qform"), "the {} is right"),
         )
 
 

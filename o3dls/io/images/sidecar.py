@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...case import MILLIMETRES
-from ...errors import InputError
+from ...errors import Answer, Doubt, InputError
 from ..documents import read_json
 from .voxels import Image
 
@@ -22,6 +22,7 @@ PARALLEL = 0.999  # cosine of 2.6 degrees
 MOST_THICK = 3.0  # slices are not so many times thicker than they are apart, nor thinner
 LARGEST = 1e6  # mm
 SUFFIX = re.compile(r"\.(nii|hdr)(\.gz)?$|\.(nrrd|nhdr|mha|mhd)$", re.IGNORECASE)
+VOLUME = (Answer("the volume is right", {"sidecar": "ignore"}),)
 LENGTHS = [unit for unit in MILLIMETRES if unit != "px"]
 ORIENTATIONS = ("ImageOrientationPatientDICOM", "ImageOrientationPatient")
 
@@ -55,14 +56,16 @@ def agreed(path: Path, image: Image, decided: str | None) -> Image:
     if decided == "ignore":
         return replace(image, notes={**image.notes, DECIDED: f"{said}; it is ignored, as --sidecar says"})
     if fault.factors is None:
-        raise InputError(
-            f"{path}: {said}: one is of another image; say --sidecar ignore where the volume is right, else "
-            "orient it first, as in 3D Slicer"
+        raise Doubt(
+            f"{path}: {said}: one is of another image",
+            "say --sidecar ignore where the volume is right, else orient it first, as in 3D Slicer",
+            VOLUME,
         )
     if decided is None:
-        raise InputError(
-            f"{path}: {said}: one is of another image, or the header was changed; say --sidecar ignore where "
-            "the volume is right, --sidecar take where the sidecar is"
+        raise Doubt(
+            f"{path}: {said}: one is of another image, or the header was changed",
+            "say --sidecar ignore where the volume is right, --sidecar take where the sidecar is",
+            [*VOLUME, Answer("the sidecar is right", {"sidecar": "take"})],
         )
     affine = image.affine @ np.diag([*fault.factors, 1.0])
     notes = {**image.notes, DECIDED: f"{said}; the sidecar is taken, as --sidecar says"}

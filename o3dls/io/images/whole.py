@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Mask
-from ...errors import InputError
+from ...errors import Answer, Doubt, InputError
 
 LEAST = 0.8  # share of a label that its largest piece must hold: the rest of a chamber is crumbs
 OVERLAP = 0.5  # share of the smaller section that the next one covers, of one body across blank slices
@@ -101,9 +101,10 @@ def check_taken(mask: Mask, taken: Mask, affine: Array, where: str) -> None:
             "3D Slicer"
         )
     if blank:
-        raise InputError(
-            f"{part}: blank slices lie within it, {blank} of them; say --fill-slices, which "
-            "interpolates them, or export it again with all its slices"
+        raise Doubt(
+            f"{part}: blank slices lie within it, {blank} of them",
+            "say --fill-slices, which interpolates them, or export it again with all its slices",
+            [Answer("interpolate the blank slices", {"fill_slices": True})],
         )
     raise InputError(f"{part}: {_separate_pieces(mask, taken, affine)}")
 

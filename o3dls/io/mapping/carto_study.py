@@ -17,7 +17,7 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...case import Points
-from ...errors import InputError
+from ...errors import Answer, Doubt, InputError
 from ...geometry.similarity import apply, is_pose
 from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
@@ -79,9 +79,17 @@ class Study:
         if len(found) != 1:
             many = f"{len(found)} maps {'of that name' if name else 'with points'}"
             which = "say which with --map" + (", by the name of its file" if name else "")
-            what = f"{many}; {which}" if found or not name else f"no map '{name}'"
-            raise InputError(f"{self.archive.path}: {what}: there are {listed}")
+            if not found and name:
+                raise InputError(f"{self.archive.path}: no map '{name}': there are {listed}")
+            answers = _name_maps([m for m in self.maps if m.points > 0], names)
+            raise Doubt(f"{self.archive.path}: {many}", f"{which}: there are {listed}", answers)
         return found[0]
+
+
+def _name_maps(maps: list[Map], names: list[str]) -> list[Answer]:
+    """Return the answer that names each map; one whose name others have is named by its file."""
+    own = [(m.name if names.count(m.name) == 1 or not m.files else m.files[0], m) for m in maps]
+    return [Answer(f"{name}, {m.points} points", {"map": name}) for name, m in own]
 
 
 def find_study(archive: Archive) -> Study | None:

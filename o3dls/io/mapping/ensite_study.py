@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...case import Points
-from ...errors import InputError
+from ...errors import Doubt, InputError, choices
 from ..meshes import dif
 from ..meshes.surface_file import SurfaceFile
 from . import ensite, ensite_rows
@@ -123,7 +123,9 @@ def _join_exports(archive: Archive, chosen: list[MapExport], listed: str) -> Poi
             columns = {**points.columns, **one.points.columns}
             both = replace(points, columns=columns, notes=points.notes + one.points.notes)
         if both is None:
-            raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
+            advice = f"say which file with --map: {listed}"
+            names = [one.files[0] for one in chosen]
+            raise Doubt(f"{archive.path}: several maps fit", advice, choices("map", names))
         points = both
     return points
 

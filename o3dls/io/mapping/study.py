@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import Doubt, InputError, choices
 from ...quantities import without_impossible
 from ..matlab import mat, openep
 from ..meshes.surface_file import SurfaceFile
@@ -124,7 +124,8 @@ def _volume_check(shell: SurfaceFile, wanted: carto_study.Map) -> str:
 def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Imported:
     chosen = [name for name in files if map_name in (None, Path(name).name, Path(name).stem)]
     if len(chosen) != 1:
-        raise InputError(f"{archive.path}: say which data set with --map: there are {', '.join(files)}")
+        advice = f"say which data set with --map: there are {', '.join(files)}"
+        raise Doubt(f"{archive.path}: holds {len(files)} data sets", advice, choices("map", files))
     where, data = archive.where(chosen[0]), archive.read(chosen[0])
     points = openep.read_points(where, data)
     found = Imported(points, vendor="OpenEP", name=Path(chosen[0]).stem)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ...errors import InputError, did_you_mean
+from ...errors import Doubt, InputError, choices, did_you_mean
 from ...geometry.similarity import TURN
 from ...geometry.surface import Surface
 from ..text import flat_numbers, join_rows
@@ -79,7 +79,8 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
     if not volumes:
         raise InputError(f"{path}: DIF holds no <Volume>")
     if part is None and len(volumes) > 1:
-        raise InputError(f"{path}: holds {len(volumes)} volumes; say which with --part: {', '.join(volumes)}")
+        advice = f"say which with --part: {', '.join(volumes)}"
+        raise Doubt(f"{path}: holds {len(volumes)} volumes", advice, choices("part", list(volumes)))
     if part is not None and part not in volumes:
         raise InputError(f"{path}: has no volume '{part}'" + did_you_mean(part, list(volumes)))
     name = part or next(iter(volumes))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array, Ints
-from ...errors import InputError, escaped
+from ...errors import Doubt, InputError, choices, escaped
 from ...geometry.surface import Surface
 from ..atomic import staged_files, write_file
 from ..text import decode, integers, is_count, join_rows, number_rows, read_bytes
@@ -97,10 +97,11 @@ def _check_units(path: Path, surface: Surface, units: str | None) -> None:
         extent = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     likely = LIKELY[0] <= extent / MICROMETRES <= LIKELY[1]
     if not units and not likely:
-        raise InputError(
+        raise Doubt(
             f"{path}: states no units, and extends over {extent / MICROMETRES:.3g} mm if it is in um, the "
-            f"standard of openCARP, over {extent:.3g} mm if in mm; say --units um or --units mm to convert "
-            "or run"
+            f"standard of openCARP, over {extent:.3g} mm if in mm",
+            "say --units um or --units mm to convert or run",
+            choices("units", ("um", "mm"), "it is in {}"),
         )
     if likely and units not in (None, "um"):
         raise InputError(

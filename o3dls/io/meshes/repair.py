@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import Array, Ints
-from ...errors import InputError
+from ...errors import Answer, Doubt, InputError
 from ...geometry.surface import Surface
 from .polyline import trace_loops
 
@@ -43,7 +43,8 @@ def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surfac
     surface = capped(surface, where) if len(openings) else surface
     if len(openings) and not cap and abs(surface.volume) >= NOTHING * surface.diagonal**surface.dimension:
         hint = "close it with `o3dls convert --cap`, or say cap = true in case.toml"
-        raise InputError(f"{where}: is open ({len(openings)} edges have one triangle only); {hint}")
+        said = f"{where}: is open ({len(openings)} edges have one triangle only)"
+        raise Doubt(said, hint, [Answer("close its openings", {"cap": True})])
     if abs(surface.volume) < NOTHING * surface.diagonal**surface.dimension:
         raise InputError(f"{where}: encloses nothing, even with its openings closed")
     return surface if surface.volume > 0 else replace(surface, faces=surface.faces[:, ::-1])

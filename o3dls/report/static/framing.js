@@ -5,7 +5,8 @@ let frame = { wide: scene.radius, tall: scene.radius }; // half of what the surf
 
 // The camera's target goes into their middle.
 function frameSurfaces() {
-  const opened = scene.panels.map((k) => geometryOf(scene.estimates[k].mesh));
+  const opened = scene.panels.map((k) => placesOf(geometryOf(scene.estimates[k].mesh)));
+  if (scene.framesPoints) opened.push(cloud.positions); // where the surface may stand beside them
   const { right, up } = sidesOf(new THREE.Vector3(...scene.views[0].from).normalize());
   target.set(...scene.centre);
   const across = spanAlong(opened, right), along = spanAlong(opened, up);
@@ -19,11 +20,12 @@ function sidesOf(from) {
   return { right, up: new THREE.Vector3().crossVectors(from, right) };
 }
 
-// How far geometries reach from the target along a direction.
-function spanAlong(surfaces, { x, y, z }) {
+const placesOf = (geometry) => geometry.getAttribute("position").array;
+
+// How far arrays of places reach from the target along a direction.
+function spanAlong(places, { x, y, z }) {
   let [low, high] = [Infinity, -Infinity];
-  for (const geometry of surfaces) {
-    const { array } = geometry.getAttribute("position");
+  for (const array of places) {
     for (let i = 0; i < array.length; i += 3) {
       const at = x * (array[i] - target.x) + y * (array[i + 1] - target.y) + z * (array[i + 2] - target.z);
       if (at < low) low = at;
@@ -40,7 +42,7 @@ function keepWhole() {
   if (!clientHeight) return;
   const { right, up } = sidesOf(camera.position.clone().sub(target).normalize());
   const reach = (direction) => {
-    const { low, high } = spanAlong(shown.map(({ geometry }) => geometry), direction);
+    const { low, high } = spanAlong(shown.map(({ geometry }) => placesOf(geometry)), direction);
     return Math.max(-low, high);
   };
   const aspect = clientWidth / clientHeight;

@@ -1,0 +1,117 @@
+"""The pages of the app: what there is and how files are brought; a case with its steps; a run with its
+exports. A page is written whole by the server, with the style, the policy and the viewer of the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+from ..report.markup import Html, data_block, join, tag
+from ..report.page_parts import asset
+from .parts import (
+    bring_form,
+    framed,
+    fuse_section,
+    list_facts,
+    list_folder,
+    place_section,
+    runs_of_case,
+)
+from .place import FEWEST_PAIRS
+from .shelf import FILES
+from .take import commands, exports
+from .worker import Tell
+
+
+def home_page(folder: Path, listed: Mapping[str, Sequence[str]]) -> str:
+    """Write the first page: what there is in the folder, and the form by which files are brought."""
+    where = tag("p", "Everything stays in the folder ", tag("code", str(folder)), " on this machine.")
+    there = tag("section", tag("h2", "Cases and runs"), list_folder(listed), id="there")
+    bring = tag("section", tag("h2", "1 Bring a prior and a map"), bring_form(listed[FILES]), id="bring")
+    return framed("o3dls app", join(where, there, bring), ("lists.js", "bring.js"))
+
+
+def case_page(case: Path, runs: Sequence[str], tell: Tell) -> str:
+    """Write the page of a case: prior and points in one picture, and the steps from there to a run."""
+    from ..io.case_reader import read_case
+    from .place import drawn, start_of
+
+    found = read_case(case)
+    start, said = start_of(found)
+    names, _, _ = found.landmark_pairs()
+    data = data_block("scene", drawn(found, start))
+    picture = tag("section", tag("h2", "Prior and map"), Html(asset("viewer.html")), data, id="pictures")
+    steps = tag(
+        "div",
+        place_section(said, placing=len(names) < FEWEST_PAIRS),
+        fuse_section(case),
+        tag("section", tag("h2", "4 Judge"), runs_of_case(found.name, runs), id="judge"),
+        class_="side",
+    )
+    kinds = dict.fromkeys(found.points.type.tolist())
+    facts = {
+        "Points": ", ".join(f"{int((found.points.type == kind).sum())} {kind}" for kind in kinds),
+        "Prior": f"{len(found.prior.faces)} triangles, {found.prior.volume / 1000:.1f} ml",
+        "Frame of the map": found.frame,
+        "Landmark pairs": ", ".join(names) or "none",
+    }
+    state = data_block("app", {"case": case.as_posix(), "T": start.T_map_prior.tolist()})
+    body = join(list_facts(facts), tag("div", picture, steps, class_="session"), _made_lines(), state)
+    return framed(
+        found.name, body, ("lists.js", "place.js", "fuse.js", "made.js"), step=1, viewer="picking.js"
+    )
+
+
+def run_page(run: Path, tell: Tell) -> str:
+    """Write the page of a run: its grade and doubts, the report, and what it is taken away as."""
+    from ..report.checks import checks
+    from ..report.grading.check import WORDS, doubtful, worst_grade
+    from ..report.subject import read_subject
+
+    subject = read_subject([run])
+    found = checks(subject)
+    grade = worst_grade(found)
+    what = f": {subject.last.name} of case {subject.case.name}"
+    judged = tag(
+        "section",
+        tag("h2", "4 Judge"),
+        tag("p", tag("strong", WORDS[grade]), what, class_=f"overall {grade}"),
+        tag("ul", *(tag("li", f"{one.name}: {one.said}") for one in doubtful(found))),
+        tag("p", tag("a", "Open the report", href=f"report?folder={quote(run.as_posix())}")),
+        id="judge",
+    )
+    body = join(judged, _take_section(run), data_block("app", {"run": run.as_posix()}))
+    return framed(run.name, body, ("take.js",), step=3)
+
+
+def _take_section(run: Path) -> Html:
+    """Write the exports of a run, each with what it is for, and the commands that do the same."""
+    lines = [
+        tag(
+            "li",
+            tag("button", f"Export {name}", type="button", data_export=name),
+            f" {words} ",
+            tag("span", role="status"),
+        )
+        for name, words in exports().items()
+    ]
+    text = "\n".join(commands(run))
+    return tag(
+        "section",
+        tag("h2", "5 Take away"),
+        tag("ul", *lines, class_="exports"),
+        tag("h3", "The same in a terminal, in the folder of the app"),
+        tag("pre", text, id="commands", tabindex="0", role="group", aria_label="commands"),
+        tag("button", "Copy", type="button", data_copy="commands"),
+        id="take",
+    )
+
+
+def _made_lines() -> Html:
+    """Write room for what was said when this page's case was made."""
+    said = tag("pre", id="made-command", tabindex="0", role="group", aria_label="the command")
+    more = tag("ul", id="made-said")
+    summary = tag("summary", "How this case was made")
+    return tag("details", summary, said, more, id="made", hidden=True)

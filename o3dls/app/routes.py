@@ -1,0 +1,149 @@
+"""What a page may ask of the app. Whom the app answers at all, the guard decides before."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route, Router
+from starlette.types import Receive, Scope, Send
+
+from ..errors import InputError
+from ..io.text import LARGEST_FILE
+from ..places import temporary_name
+from ..web.rules import Refusal
+from .desk import Desk
+from .uploads import keep_file
+
+MOST = 100_000  # bytes of an action
+UPLOADS = "/files/"
+LOOK = 0.15  # seconds between two looks at the run
+BEAT = 15.0  # seconds after which a silent page is sent a sign of life
+# a report may have come with a run folder of others: what it runs has no origin, and may ask us nothing
+APART = {"Content-Security-Policy": "sandbox allow-scripts allow-downloads allow-popups"}
+Act = Callable[[dict[str, Any]], Any]
+
+
+def most_bytes(path: str) -> int:
+    """Return how many bytes may be sent to a path: a file has the bound of every file that is read."""
+    return LARGEST_FILE if path.startswith(UPLOADS) else MOST
+
+
+def routes_of(desk: Desk) -> Router:
+    """Return what answers the pages of a desk. It lets every error pass to the guard, which says it."""
+    pages = {"/case": desk.case, "/run": desk.run}
+    acts: dict[str, Act] = {
+        "/look": desk.look,
+        "/make": desk.make,
+        "/place": desk.place,
+        "/fuse": desk.fuse,
+        "/cancel": lambda _: desk.cancel(),
+        "/export": desk.take,
+    }
+    return Router(
+        routes=[
+            Route("/", _page_route(lambda _: desk.home()), methods=["GET"]),
+            *(Route(path, _page_route(make), methods=["GET"]) for path, make in pages.items()),
+            Route("/report", _page_route(desk.report, APART), methods=["GET"]),
+            Route("/grade", _grade_route(desk), methods=["GET"]),
+            Route("/export", _file_route(desk), methods=["GET"]),
+            Route("/events", _event_route(desk), methods=["GET"]),
+            Route(UPLOADS + "{name}", _upload_route(desk), methods=["PUT"]),
+            *(Route(path, _act_route(act), methods=["POST"]) for path, act in acts.items()),
+        ],
+        redirect_slashes=False,
+        default=_refuse_page,
+    )
+
+
+async def _refuse_page(_: Scope, __: Receive, ___: Send) -> None:
+    raise Refusal(404, "there is no such page")
+
+
+def _read_folder(request: Request) -> str:
+    return request.query_params.get("folder", "")
+
+
+def _page_route(
+    make: Callable[[str], str], headers: dict[str, str] | None = None
+) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        return HTMLResponse(await run_in_threadpool(make, _read_folder(request)), headers=headers)
+
+    return answer
+
+
+def _grade_route(desk: Desk) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        return JSONResponse(await run_in_threadpool(desk.grade, _read_folder(request)))
+
+    return answer
+
+
+def _file_route(desk: Desk) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        path = await run_in_threadpool(desk.export, request.query_params.get("file", ""))
+        return FileResponse(path, filename=path.name)
+
+    return answer
+
+
+def _act_route(act: Act) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+            raise Refusal(415, "an action is sent as application/json")
+        try:
+            asked = json.loads(await request.body())
+        except (ValueError, RecursionError):
+            raise Refusal(400, "an action must be JSON") from None
+        if not isinstance(asked, dict):
+            raise Refusal(400, "an action must be a JSON object")
+        return JSONResponse(await run_in_threadpool(act, asked))
+
+    return answer
+
+
+def _upload_route(desk: Desk) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        wanted = desk.shelf.new_file(request.path_params["name"])
+        staged = temporary_name(wanted)
+        try:
+            with staged.open("xb") as file:
+                async for piece in request.stream():
+                    await run_in_threadpool(file.write, piece)
+            path = await run_in_threadpool(keep_file, staged, desk.shelf, request.path_params["name"])
+        except ClientDisconnect:
+            raise ConnectionError("the page went away") from None
+        except OSError as error:
+            raise InputError(f"{wanted.name}: cannot be kept: {error.strerror}") from error
+        finally:
+            staged.unlink(missing_ok=True)
+        return JSONResponse({"file": path})
+
+    return answer
+
+
+def _event_route(desk: Desk) -> Callable[[Request], Any]:
+    async def events() -> AsyncIterator[str]:
+        told, silent = None, 0.0
+        while True:
+            job = desk.job
+            now = (id(job), job.version) if job else None
+            if job is not None and now != told:
+                told, silent = now, 0.0
+                yield f"event: job\ndata: {json.dumps(job.record())}\n\n"
+            elif silent >= BEAT:
+                silent = 0.0
+                yield ": here\n\n"
+            await asyncio.sleep(LOOK)
+            silent += LOOK
+
+    async def answer(_: Request) -> Response:
+        return StreamingResponse(events(), media_type="text/event-stream")
+
+    return answer

@@ -1,0 +1,138 @@
+"""The guard stands before every route of a server: it applies the rules, and bounds what is sent and how long
+that may take.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ..errors import Doubt, O3dlsError
+from .rules import HEADERS, PATIENCE, Refusal, check_sender, check_token, cookie_line
+
+LONGEST = 20  # digits of a length; Python reads a number of at most 4300
+DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
+READS = ("GET", "HEAD")
+log = logging.getLogger("o3dls")
+
+
+class Guard:
+    """This class answers what the rules refuse, and passes the rest on.
+
+    command: what printed the link, such as `app`; most: the bytes that a body on a path may have; home: the
+    path that the link with the token opens.
+    """
+
+    def __init__(
+        self, app: ASGIApp, command: str, port: int, token: str, most: Callable[[str], int], home: str = "/"
+    ) -> None:
+        self._app, self._command, self._port = app, command, port
+        self._token, self._most, self._home = token, most, home
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return  # websockets and the like are not spoken here
+        answered = _Answered(send)
+        try:
+            answered.cookie = self._check_request(scope)
+            await self._app(scope, await self._bound_body(scope, receive), answered)
+        except Refusal as refusal:
+            await answered.refuse(refusal.status, {"error": str(refusal)})
+        except Doubt as doubt:
+            asked = {"doubt": doubt.record()} if doubt.answers else {}  # nobody can be asked without answers
+            await answered.refuse(422, {"error": str(doubt), **asked})
+        except O3dlsError as error:
+            await answered.refuse(422, {"error": str(error)})
+        except (ConnectionError, asyncio.CancelledError):
+            raise  # the page went away, or the server ends
+        except Exception:  # the page must hear that its action failed
+            log.exception("%s: %s failed", self._command, scope["path"])
+            await answered.refuse(500, {"error": "an error inside o3dls; its log says which"})
+
+    def _check_request(self, scope: Scope) -> str | None:
+        """Return the cookie that the answer leaves, on the home page alone. Raises Refusal."""
+        headers, method = Headers(scope=scope), scope["method"]
+        check_sender(self._port, method, headers.get("host", ""), headers.get("origin"))
+        home = scope["path"] == self._home and method == "GET"
+        given = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token", [""])[0]
+        check_token(self._command, self._port, self._token, given if home else "", headers.get("cookie", ""))
+        return cookie_line(self._command, self._port, self._token) if home else None
+
+    async def _bound_body(self, scope: Scope, receive: Receive) -> Receive:
+        """Return what gives the body in pieces, each within its time. Raises Refusal for a length that is not
+        said, or is too large.
+        """
+        headers = Headers(scope=scope)
+        if scope["method"] in READS and "transfer-encoding" not in headers:
+            return receive
+        length = headers.get("content-length", "")
+        if not (length.isascii() and length.isdecimal()):
+            raise Refusal(411, "a body must have a length")
+        most = self._most(scope["path"])
+        if len(length) > LONGEST or int(length) > most:
+            await _drain(receive)
+            raise Refusal(413, f"what is sent here may have {most} bytes")
+        done = False
+
+        async def pieces() -> Message:
+            nonlocal done
+            if done:
+                return await receive()  # waits for the page to go away
+            try:
+                async with asyncio.timeout(PATIENCE):
+                    piece = await receive()
+            except TimeoutError:
+                raise Refusal(408, "a body must be as long as its Content-Length says") from None
+            done = not piece.get("more_body", False)
+            return piece
+
+        return pieces
+
+
+async def _drain(receive: Receive) -> None:
+    """Read a part of a body that is not wanted, within the time of one piece."""
+    left = DRAIN
+    try:
+        async with asyncio.timeout(PATIENCE):
+            while left > 0:
+                piece = await receive()
+                left -= len(piece.get("body", b""))
+                if not piece.get("more_body", False):
+                    return
+    except TimeoutError:
+        return
+
+
+class _Answered:
+    """This is the way of an answer back, on which it gets the headers that all answers have.
+
+    Every connection carries one request: who is slow with a second one holds nothing.
+    """
+
+    def __init__(self, send: Send) -> None:
+        self._send, self._begun = send, False
+        self.cookie: str | None = None
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self._begun = True
+            known = {name.lower() for name, _ in message["headers"]}
+            more = {**HEADERS, "Connection": "close"} | ({"Set-Cookie": self.cookie} if self.cookie else {})
+            added = [(k.lower().encode(), v.encode()) for k, v in more.items()]
+            message["headers"] = [*message["headers"], *(one for one in added if one[0] not in known)]
+        await self._send(message)
+
+    async def refuse(self, status: int, content: dict[str, object]) -> None:
+        """Answer why nothing is answered; where an answer has begun already, nothing can be said any more."""
+        if self._begun:
+            return
+        body = json.dumps(content).encode()
+        headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+        await self({"type": "http.response.start", "status": status, "headers": headers})
+        await self._send({"type": "http.response.body", "body": body})
