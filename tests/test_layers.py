@@ -67,6 +67,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
+    "evaluation": (".", "measures/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (

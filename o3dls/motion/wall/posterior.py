@@ -16,9 +16,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg.lapack import dpstrf
 
-from ...arrays import ROUNDING, Array
+from ...arrays import Array
 from ..field.covariance import Observed, Places, interpolation
 from ..field.gaussian_process import FieldPosterior
 from .settings import SETTINGS
@@ -50,12 +49,10 @@ class WallPosterior:
 
     @cached_property
     def factor(self) -> Array:
-        """The factor F (m d, r) of the covariance F F', by Cholesky's factorisation with pivots."""
-        joint = self.covariance
-        lower, pivots, rank, _ = dpstrf(joint, tol=ROUNDING * float(joint.max()), lower=True)
-        found = np.empty((len(joint), int(rank)))
-        found[pivots - 1] = np.tril(lower)[:, : int(rank)]
-        return found
+        """The Cholesky factor F (m d, m d) of the covariance F F'."""
+        joint = self.covariance.copy()
+        joint[np.diag_indices_from(joint)] += SETTINGS.nugget * float(joint.max())
+        return np.asarray(np.linalg.cholesky(joint))
 
     def weights(self, places: Array) -> sparse.csr_matrix:
         """Return the matrix (n, m) that interpolates the nodes' errors at places (n, d) of the map frame."""

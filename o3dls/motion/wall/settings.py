@@ -17,6 +17,9 @@ class WallSettings:
     neighbours: int = number(
         16, "nodes", "nodes that a place is interpolated from: eight miss some deviations by 7 %"
     )
+    nugget: float = number(
+        1e-9, "variances", "variance that each node has of its own, so that rounding leaves none below zero"
+    )
     least_shared: float = number(
         1e-9, "variances", "largest covariance of two points' errors that counts as none: it is rounding"
     )
