@@ -19,8 +19,8 @@ from .settings import SETTINGS
 
 @dataclass(frozen=True, eq=False)
 class KeptPosterior:
-    """These arrays determine a posterior: the covariance of the motion before points are seen, k observations
-    with their residuals and the covariance of their errors, and the m nodes of the wall.
+    """A kept posterior has the arrays that determine it: the covariance of the motion before points are seen,
+    k observations with their residuals and the covariance of their errors, and the m nodes of the wall.
 
     lengths (2,): how many of `correlation` are of vector fields and of fields along the normal; scales (5,):
     radius, anchor_length, translation, rotation and scale of `Covariance`; errors (k,), or (k, k) where
