@@ -25,7 +25,7 @@ def test_a_place_where_most_float_is_a_crowd_and_outliers_everywhere_are_none() 
     rng = np.random.default_rng(SEED)
     points = _plane(rng, 600)
     within = np.linalg.norm(points[:, :2] - 25.0, axis=1) < 9.0
-    scattered = np.where(rng.uniform(size=600) < 0.2, 0.0, 1.0)
+    scattered = np.where(rng.uniform(size=600) < 0.1, 0.0, 1.0)
     assert possible_crowds(points, scattered, SETTINGS) == []
     found = possible_crowds(points, np.where(within, 0.1, 1.0), SETTINGS)
     assert len(found) == len(SETTINGS.shares)
