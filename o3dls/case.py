@@ -78,15 +78,8 @@ class Points:
 
     def select(self, rows: NDArray[Any]) -> Points:
         """The rows named by an index or mask."""
-        part = object.__new__(Points)  # rows of what has been checked are not checked again
-        part.__dict__.update(
-            xyz=self.xyz[rows],
-            type=self.type[rows],
-            columns={k: v[rows] for k, v in self.columns.items()},
-            order=self.taken[rows],
-            notes=self.notes,
-        )
-        return part
+        columns = {k: v[rows] for k, v in self.columns.items()}
+        return Points(self.xyz[rows], self.type[rows], columns, self.taken[rows], self.notes)
 
     def of(self, *types: str) -> Points:
         """The points of the given types, in file order."""

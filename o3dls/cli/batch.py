@@ -15,8 +15,8 @@ from .options import as_json, limits, overrides, progress
 from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
 
 if TYPE_CHECKING:
-    from ..pipeline.batch import Workers
     from ..pipeline.outcome import Outcome
+    from ..pipeline.scheduler import Workers
     from ..report.cohort.entries import Entry
 
 NO_PLACES: Mapping[str, Path | None] = {"table": None, "page": None}  # of a part of a study
@@ -113,8 +113,7 @@ def _find_workers(
     *, jobs: int | None, scheduler: str | None, timeout: float | None, memory: float | None, retries: int
 ) -> Workers:
     """Return who runs the cases, and within what limits."""
-    from ..pipeline.batch import Workers
-    from ..pipeline.scheduler import LOCAL
+    from ..pipeline.scheduler import LOCAL, Workers
     from ..pipeline.supervision import Limits
 
     if jobs and scheduler not in (None, LOCAL):

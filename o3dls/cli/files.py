@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from . import completion
-from .options import prior_choice
+from .options import complete_estimate, complete_format, prior_choice
 from .words import FILE, FOLDER, complain, say, say_lines
 
 
@@ -19,7 +18,7 @@ from .words import FILE, FOLDER, complain, say, say_lines
     "--compare",
     multiple=True,
     metavar="ESTIMATE",
-    shell_complete=completion.estimates,
+    shell_complete=complete_estimate,
     help="estimate to show; may be repeated; default: the ICP and the last",
 )
 @click.option("--pdf", is_flag=True, help="also a one-page PDF for slides, and its pictures in figures/")
@@ -51,10 +50,10 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     "--format",
     default="ply",
     show_default=True,
-    shell_complete=completion.formats,
+    shell_complete=complete_format,
     help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm, itk, mrb",
 )
-@click.option("--estimate", shell_complete=completion.estimates, help="estimate to write; default: the last")
+@click.option("--estimate", shell_complete=complete_estimate, help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
 @click.option(
     "--on",
@@ -92,7 +91,7 @@ def export(run_folder: Path, out: Path | None, spacing: float | None, **options:
     help="where to: from the prior's image to the map, or back",
 )
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
-@click.option("--estimate", shell_complete=completion.estimates, help="whose motion; default: the last")
+@click.option("--estimate", shell_complete=complete_estimate, help="whose motion; default: the last")
 @click.option("--units", help="units of FILE where it does not state them: mm, cm, m, um, in")
 @click.option("--frame", help="frame of FILE where it does not state it: LPS or RAS")
 def carry(run_folder: Path, source: Path, **options: Any) -> None:
@@ -142,7 +141,7 @@ def convert(source: Path, target: Path, **options: Any) -> None:
 
 @click.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option("--estimate", shell_complete=completion.estimates, help="estimate to send; default: the last")
+@click.option("--estimate", shell_complete=complete_estimate, help="estimate to send; default: the last")
 @click.option(
     "--on",
     type=click.Choice(["map", "prior"]),

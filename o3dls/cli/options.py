@@ -1,31 +1,85 @@
-"""Options that several commands share, and what is asked for where none is given."""
+"""Options that several commands share, what a shell completes in them, and what is asked for where none is
+given.
+"""
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from ..case import PRIOR_OF
-from . import completion
 from .words import FILE
 
 Callback = Callable[[click.Context, click.Parameter, str | None], object]
 SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
+
+
+def complete_stage(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
+    """Complete the names of stages and writers."""
+    return _matching_names(_list_plugins(), begun)
+
+
+def complete_setting(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
+    """Complete `STAGE.`, and behind the dot `STAGE.PARAM=`."""
+    from ..plugins.parameters import describe
+    from ..plugins.plugin import load
+
+    name, dot, _ignored = begun.partition(".")
+    kind = _list_plugins().get(name)
+    if not dot or kind is None:
+        return _matching_names((f"{one}." for one in _list_plugins()), begun)
+    return _matching_names((f"{name}.{parameter.name}=" for parameter in describe(load(kind, name))), begun)
+
+
+def complete_estimate(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
+    """Complete the estimates of the runs that are named already, which click has not told apart behind an
+    option.
+    """
+    return _matching_names((name for run in context.args for name in _list_estimates(Path(run))), begun)
+
+
+def complete_format(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
+    """Complete the formats of exported files."""
+    from ..runs.export.formats import FormatName
+
+    return _matching_names(get_args(FormatName), begun)
+
+
+def _matching_names(names: Iterable[str], begun: str) -> list[str]:
+    return sorted({name for name in names if name.startswith(begun)})
+
+
+def _list_plugins() -> dict[str, str]:
+    """Return kinds of stages and writers by their names."""
+    from ..plugins.plugin import GROUPS, registered
+
+    return {name: kind for kind, group in GROUPS.items() for name in registered(group)}
+
+
+def _list_estimates(run: Path) -> list[str]:
+    """List the estimates of a run; none of what is no run, since a shell has no place for errors."""
+    try:  # a checked record would take half a second more
+        return list(json.loads((run / "run.json").read_text(encoding="utf-8"))["estimates"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
 overrides = click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="STAGE.PARAM=VALUE",
-    shell_complete=completion.settings,
+    shell_complete=complete_setting,
     help="override a parameter of the pipeline; may be repeated",
 )
 

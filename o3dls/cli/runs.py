@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import completion
-from .options import as_json, ask_files, ask_whose, overrides, prior_choice, progress
+from .options import as_json, ask_files, ask_whose, complete_stage, overrides, prior_choice, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
 
 if TYPE_CHECKING:
@@ -147,7 +146,7 @@ def check(pipeline: Path, case: Path | None, as_json: bool) -> int:
 
 
 @click.command()
-@click.argument("name", required=False, shell_complete=completion.stages)
+@click.argument("name", required=False, shell_complete=complete_stage)
 @click.option("--markdown", is_flag=True, help="the parameters, of all without NAME, as tables for documents")
 def stages(name: str | None, markdown: bool) -> None:
     """List stages and writers, or the parameters of NAME with unit, default and bounds."""

@@ -57,10 +57,8 @@ class Advice:
 
 @dataclass(frozen=True, eq=False)
 class _Wall:
-    """This is what is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
-    variance (m,) before any place was, and the vertices (m,) that it is of; for each vertex (n,) the nearest
-    of the sample, deviation and weight.
-    """
+    """This is what is known of the wall while places are chosen: covariance (m, m) of its sample, variance
+    (m,) before any, their vertices (m,); for each vertex (n,) the nearest of the sample, sd and weight."""
 
     covariance: Array
     first: Array
@@ -258,5 +256,5 @@ def _find_best(wall: _Wall, allowed: Mask, gains: Array) -> tuple[int | None, st
 
 def _find_best_in_parts(parts: list[Mask], free: Mask, gains: Array) -> int | None:
     """Return the place of the highest gain in the parts without a point; None where there is none."""
-    open_ = np.any([part & free for part in parts], axis=0) if parts else np.zeros(len(free), dtype=bool)
+    open_ = np.any([np.zeros_like(free), *(part & free for part in parts)], axis=0)
     return int(np.where(open_, gains, -1.0).argmax()) if open_.any() else None

@@ -8,9 +8,8 @@ import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Event
 from time import perf_counter
 
 from ..case import Case
@@ -35,9 +34,9 @@ from .outcome import (
 )
 from .pipeline import Pipeline
 from .place import Task
-from .scheduler import spread
+from .scheduler import Workers
 from .study import Planned
-from .supervision import Ended, Limits, watched
+from .supervision import Ended
 
 SHARE = 0.05  # largest share of the time for writing the table of the cases that are done so far
 log = logging.getLogger("o3dls")
@@ -54,27 +53,6 @@ def run_into(
         run = pipeline.run(case, pool).written(out, force=force)
     forget_failure(out)
     return run
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Workers run the cases, each within the limits: `jobs` of this machine at one time, or those of a
-    scheduler of dask, `tcp://host:port`, all of which must see the folders (`local`: a scheduler of our own,
-    with `jobs` workers of this machine). Once `stop` is set they begin no more.
-    """
-
-    jobs: int = 1
-    scheduler: str | None = None
-    limits: Limits = field(default_factory=Limits)
-    stop: Event = field(default_factory=Event)
-
-    def results(
-        self, tasks: Sequence[Task[Outcome]], out: Path
-    ) -> Generator[tuple[Task[Outcome], Outcome | Ended]]:
-        """Do the tasks, and yield each with its result, as they end."""
-        if self.scheduler:
-            return spread(tasks, self.scheduler, self.jobs, self.limits, self.stop, out)
-        return watched(tasks, self.jobs, self.limits, self.stop)
 
 
 def run_cohort(

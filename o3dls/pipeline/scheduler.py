@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event
@@ -21,7 +22,7 @@ from ..child_processes import SAFE_PATH, safe_path
 from ..errors import InputError
 from .on_worker import Order, done_here, ordered, released
 from .place import Task
-from .supervision import Ended, Limits
+from .supervision import Ended, Limits, watched
 
 LOCAL = "local"  # in place of an address: a scheduler of our own
 ADDRESS = re.compile(r"(tcp|tls)://(.+):(\d{1,5})")
@@ -33,6 +34,25 @@ QUIET = 10.0  # seconds without a result after which we look whether there are w
 QUIETER = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "200ms"}
 log = logging.getLogger("o3dls")
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Workers run the cases, each within the limits: `jobs` of this machine at one time, or those of a
+    scheduler of dask, `tcp://host:port`, all of which must see the folders (`local`: a scheduler of our own,
+    with `jobs` workers of this machine). Once `stop` is set they begin no more.
+    """
+
+    jobs: int = 1
+    scheduler: str | None = None
+    limits: Limits = field(default_factory=Limits)
+    stop: Event = field(default_factory=Event)
+
+    def results(self, tasks: Sequence[Task[T]], out: Path) -> Generator[tuple[Task[T], T | Ended]]:
+        """Do the tasks, and yield each with its result, as they end."""
+        if self.scheduler:
+            return spread(tasks, self.scheduler, self.jobs, self.limits, self.stop, out)
+        return watched(tasks, self.jobs, self.limits, self.stop)
 
 
 def spread(

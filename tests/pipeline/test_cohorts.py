@@ -32,9 +32,10 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.io.case_writer import write_case
-from o3dls.pipeline.batch import Workers, run_cohort
+from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.outcome import Outcome, gathered, write_table
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.pipeline.scheduler import Workers
 from o3dls.pipeline.study import planned, read_study, shard
 from o3dls.pipeline.supervision import Limits, resident
 from o3dls.report.writer import write_cohort

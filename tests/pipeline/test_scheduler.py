@@ -24,10 +24,10 @@ from tiny import Nudge, disc_case
 from o3dls.errors import InputError
 from o3dls.io.case_writer import write_case
 from o3dls.io.documents import read_json
-from o3dls.pipeline.batch import Workers, run_cohort
+from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.on_worker import Order, done_here, ordered
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.pipeline.scheduler import client_of
+from o3dls.pipeline.scheduler import Workers, client_of
 from o3dls.pipeline.study import planned
 from o3dls.pipeline.supervision import Limits
 
