@@ -111,20 +111,25 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
     distances from the surface as it is.
     """
     weights, state = data.trusted, earlier.state
-    faces = earlier.problem.faces
     new = ~data.inside
     new[known] = False
     weights[known] = state.weights
     if new.any():
-        surface = earlier.problem.tree.at(state.moved)
-        _, face, foot, bary = surface.query(data.points[new])
-        corners = faces[face]
-        normals = unit_mean(vertex_normals(state.moved, faces), corners, bary)
-        outward = ((data.points[new] - foot) * normals).sum(axis=1)
+        outward, corners, bary = _look_from(data.points[new], earlier.problem, state)
         own = state.scales.errors(data.group[new], data.relative[new])
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
         weights[new], _ = earlier.problem.contacts(outward, variance, data.outlier_odds[new], state.contact)
     return weights
+
+
+def _look_from(points: Array, problem: MotionProblem, state: State) -> tuple[Array, Ints, Array]:
+    """Return how far (n,) points lie outside the wall as it is, and the corners (n, d) and weights (n, d) of
+    their feet on it.
+    """
+    _, face, foot, bary = problem.tree.at(state.moved).query(points)
+    corners = problem.faces[face]
+    normals = unit_mean(vertex_normals(state.moved, problem.faces), corners, bary)
+    return ((points - foot) * normals).sum(axis=1), corners, bary
 
 
 def _run_and_preference(problem: MotionProblem) -> tuple[Iterated, Preference]:
@@ -163,12 +168,14 @@ def _likelier_run(run: Iterated, other: Iterated, suspect: Mask) -> Iterated:
 
 
 def _run_past_crowds(problem: MotionProblem) -> Iterated:
-    """Iterate; where many points of a place float, iterate again with the wall elsewhere and most of them
-    expected to float, and return that run if it is clearly likelier and its wall is another one there: that
-    outliers lie together is no reason to change anything else.
+    """Iterate; where many points of a place float inside, iterate again with the wall elsewhere and most of
+    them expected to float, and return that run if it is clearly likelier and its wall is another one there:
+    that outliers lie together is no reason to change anything else.
     """
     run, wall = _iterate_rounds(problem, begin(problem)), ~problem.data.inside
-    crowds = possible_crowds(problem.data.points[wall], run.state.weights[wall], problem.settings.crowds)
+    points = problem.data.points[wall]
+    afloat = (1.0 - run.state.weights[wall]) * (_look_from(points, problem, run.state)[0] < 0.0)
+    crowds = possible_crowds(points, afloat, problem.settings.crowds)
     others = each(partial(_run_beside, problem, wall), crowds)
     best = min(others, key=energy_with_strain, default=run)
     ahead = energy_with_strain(run) - energy_with_strain(best)

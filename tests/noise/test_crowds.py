@@ -25,9 +25,9 @@ def test_a_place_where_most_float_is_a_crowd_and_outliers_everywhere_are_none() 
     rng = np.random.default_rng(SEED)
     points = _plane(rng, 600)
     within = np.linalg.norm(points[:, :2] - 25.0, axis=1) < 9.0
-    scattered = np.where(rng.uniform(size=600) < 0.1, 0.0, 1.0)
+    scattered = np.where(rng.uniform(size=600) < 0.1, 1.0, 0.0)
     assert possible_crowds(points, scattered, SETTINGS) == []
-    found = possible_crowds(points, np.where(within, 0.1, 1.0), SETTINGS)
+    found = possible_crowds(points, np.where(within, 0.9, 0.0), SETTINGS)
     assert len(found) == len(SETTINGS.shares)
     assert all(crowd[within].mean() > 0.9 for crowd in found)
     assert all(crowd[~within].mean() < 0.2 for crowd in found)
@@ -37,9 +37,9 @@ def test_a_place_where_most_float_is_a_crowd_and_outliers_everywhere_are_none() 
 def test_a_crowd_is_neither_a_few_points_nor_most_of_the_map() -> None:
     points = _plane(np.random.default_rng(SEED), 600)
     away = np.linalg.norm(points[:, :2] - 25.0, axis=1)
-    assert possible_crowds(points, np.where(away < 1.5, 0.0, 1.0), SETTINGS) == []
-    assert possible_crowds(points, np.where(away < 24.0, 0.0, 1.0), SETTINGS) == []
-    assert possible_crowds(points[:8], np.zeros(8), SETTINGS) == []
+    assert possible_crowds(points, np.where(away < 1.5, 1.0, 0.0), SETTINGS) == []
+    assert possible_crowds(points, np.where(away < 24.0, 1.0, 0.0), SETTINGS) == []
+    assert possible_crowds(points[:8], np.ones(8), SETTINGS) == []
 
 
 def test_factors_are_those_of_the_nearest_known_point() -> None:
