@@ -91,7 +91,7 @@ def share_below(corners: Array, threshold: float) -> Array:
     on each, with values (m, 3) at the corners; 0 where one is not known.
     """
     low = corners < threshold  # not where a value is unknown
-    found = low.all(axis=1).astype(np.float64)
+    found: Array = low.all(axis=1).astype(np.float64)
     cut = np.flatnonzero(low.any(axis=1) & (found == 0.0) & np.isfinite(corners).all(axis=1))
     a, b, c = np.sort(corners[cut], axis=1).T
     one_below = threshold <= b  # a corner is cut off, below the threshold or above it
