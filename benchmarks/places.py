@@ -6,7 +6,8 @@ posterior: the mean error in space, along the true wall's normal and in the wall
 truth lies in the 95 % ellipsoid, and in the 95 % bands along the normal and in the wall; all in mapped wall,
 within 10 mm of a mapping point, and beside it in the rest. `q` is the mean squared Mahalanobis distance over
 its 3 degrees of freedom: 1 where the ellipsoids are right, more where they are too small; `q normal` and
-`q wall` the same of the part along the normal (1) and of that in the wall (2).
+`q wall` the same of the part along the normal (1) and of that in the wall (2). Places go with the motion,
+which `level_set` leaves as it is: its row differs from that of `deform` where `topology` has fitted another.
 
     python -m benchmarks.cases families cases --data ../shared/data --judging
     python -m benchmarks.places cases

@@ -12,7 +12,6 @@ from . import app as cli_app
 from . import batch as cli_batch
 from . import files as cli_files
 from . import live as cli_live
-from . import measures as cli_measures
 from . import runs as cli_runs
 from . import settings as cli_settings
 from .environment import check_environment, check_memory
@@ -90,7 +89,7 @@ def cli() -> None:
     check_environment()
 
 
-for module in (cli_runs, cli_app, cli_batch, cli_live, cli_settings, cli_files, cli_measures):
+for module in (cli_runs, cli_app, cli_batch, cli_live, cli_settings, cli_files):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

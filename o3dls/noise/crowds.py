@@ -2,9 +2,9 @@
 
 Where a catheter does not reach the wall, its points fill a volume inside. Believed one by one, the nearest
 draw the wall in until it lies among them, for each of them alone is more likely on a wall than floating. That
-most of their neighbours float tells otherwise. Points of a wall that lies elsewhere are a sheet: once the wall
-is on it none of them floats, and there is no crowd. Many points outside are a vein that the prior lacks, or
-another chamber, and no crowd either.
+most of their neighbours float tells otherwise. Points of a wall that lies elsewhere are a sheet: once the
+wall is on it none of them floats, and there is no crowd. Many points outside are a vein that the prior lacks,
+or another chamber, and no crowd either.
 """
 
 from __future__ import annotations

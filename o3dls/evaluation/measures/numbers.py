@@ -91,14 +91,14 @@ def share_below(corners: Array, threshold: float) -> Array:
     on each, with values (m, 3) at the corners; 0 where one is not known.
     """
     low = corners < threshold  # not where a value is unknown
-    found = low.all(axis=1).astype(np.float64)
+    found = np.asarray(low.all(axis=1), dtype=np.float64)
     cut = np.flatnonzero(low.any(axis=1) & (found == 0.0) & np.isfinite(corners).all(axis=1))
     a, b, c = np.sort(corners[cut], axis=1).T
     one_below = threshold <= b  # a corner is cut off, below the threshold or above it
     other = np.where(one_below, b - a, c - b)
     corner = np.where(one_below, threshold - a, c - threshold) ** 2 / ((c - a) * other)
     found[cut] = np.where(one_below, corner, 1.0 - corner)
-    return found
+    return np.asarray(found)
 
 
 def slopes(surface: Surface, values: Array) -> Array:

@@ -113,11 +113,20 @@ class KeptPosterior:
     def _find_misshapen(self, dim: int) -> str:
         """Return the name of an array that does not fit the others; empty where all do."""
         k, m, anchors = len(self.at), len(self.nodes), len(self.anchors)
-        shapes = dict.fromkeys(("nodes", "normals", "where", "unfollowed"), (m, dim))
-        shapes |= {"at": (k, dim), "directions": (k, dim), "normal_part": (k,), "residual": (k,)}
-        shapes |= {"centre": (dim,), "scales": (5,), "inflation": (1,), "lengths": (2,)}
-        shapes |= {"correlation": (int(self.lengths.sum()),), "anchors": (anchors, dim)}
-        shapes |= {"sds": (int(self.lengths.sum()) + 2 + (anchors > 0),)}
+        fields_at = int(self.lengths.sum())
+        shapes: dict[str, tuple[int, ...]] = {
+            **dict.fromkeys(("nodes", "normals", "where", "unfollowed"), (m, dim)),
+            **dict.fromkeys(("at", "directions"), (k, dim)),
+            "normal_part": (k,),
+            "residual": (k,),
+            "centre": (dim,),
+            "scales": (5,),
+            "inflation": (1,),
+            "lengths": (2,),
+            "correlation": (fields_at,),
+            "anchors": (anchors, dim),
+            "sds": (fields_at + 2 + (anchors > 0),),
+        }
         if self.errors.shape not in ((k,), (k, k)):
             return "errors"
         return next((name for name, shape in shapes.items() if getattr(self, name).shape != shape), "")

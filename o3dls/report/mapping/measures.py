@@ -16,6 +16,7 @@ from ...evaluation.measures.intervals import Measure, measure_samples
 from ...evaluation.measures.numbers import Parts, named_parts, places_on
 from ...evaluation.regions import REGIONS, tubes, valve_of, word
 from ...io.table import write_table
+from ...runs.folder import check_not_of_a_run
 from ..subject import Subject, read_subject
 from .wall_regions import landmarks_in_map, wall_regions
 
@@ -96,7 +97,10 @@ def as_json(subject: Subject, found: list[Measure]) -> str:
 
 
 def write_csv(path: Path, found: list[Measure]) -> None:
-    """Write the measures as a table of comma-separated values, a row each."""
+    """Write the measures as a table of comma-separated values, a row each. Raises InputError where that would
+    replace a file that a run is read from.
+    """
+    check_not_of_a_run(path)
     records = [one.record() for one in found]
     write_table(path, {name: np.array([record[name] for record in records]) for name in COLUMNS})
 
