@@ -692,7 +692,7 @@ def cohort(count: int) -> Iterator[Row]:
 
 def _run_batch(folders: list[Path], out: Path, workers: int) -> tuple[Time, float]:
     """Run the cases on so many workers: the time of the batch, and the seconds from first to last outcome."""
-    from o3dls.pipeline.batch import run_cohort
+    from o3dls.pipeline.batch import Workers, run_cohort
     from o3dls.pipeline.file import default_pipeline
     from o3dls.pipeline.study import planned
 
@@ -701,8 +701,7 @@ def _run_batch(folders: list[Path], out: Path, workers: int) -> tuple[Time, floa
     outcomes = run_cohort(
         planned(folders, default_pipeline(), trim=True),
         out,
-        jobs=workers,
-        scheduler="local",
+        Workers(workers, "local"),
         told=lambda _: ends.append(perf_counter()),
     )
     took = Time(perf_counter() - begin, _count_processor() - before)

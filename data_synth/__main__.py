@@ -12,6 +12,7 @@ import click
 from o3dls import Case, InputError, write_case
 
 from . import Mapping, atrium, cross, family, jar, read_wall, roughened, star, study, write_study
+from .carto import write_carto_study
 from .families import FAMILIES
 from .grey import write_enhanced
 
@@ -232,12 +233,18 @@ def _enhanced(folder: Path, seed: int, force: bool) -> None:
 @FOLDER
 @SEED
 @click.option("--points", type=click.IntRange(min=50), default=400, show_default=True, help="mapping points")
-def _study(folder: Path, seed: int, points: int) -> None:
-    """A study of docs/tutorial.md: an OpenEP map without landmarks and a label volume of 5 mm slices."""
+@click.option("--carto", is_flag=True, help="an export of CARTO 3 with tags, and a late enhancement image")
+def _study(folder: Path, seed: int, points: int, carto: bool) -> None:
+    """A study of docs/tutorial.md: an OpenEP map without landmarks and a label volume of 5 mm slices; or that
+    of docs/tutorial_carto.md.
+    """
     if folder.exists():
         raise click.ClickException(f"{folder}: is there already; name another folder")
-    write_study(folder, study(atrium(seed, points=points), seed))
-    click.echo(f"{folder}: map.mat, la_labels.nii.gz and true_wall.ply")
+    if carto:
+        write_carto_study(folder, seed, points)
+    else:
+        write_study(folder, study(atrium(seed, points=points), seed))
+    click.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
 def _write(folder: Path, made: Callable[[], Case], force: bool) -> None:

@@ -7,8 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from o3dls import Case, Surface, write_case
 
@@ -87,6 +89,21 @@ def late_enhancement(
     return np.asarray((values + noise).reshape(grid.shape))
 
 
+def scar_middles(rng: np.random.Generator, prior: Surface) -> Array:
+    """Middles (n, 3) of the patches of a wall that are enhanced."""
+    return np.asarray(prior.vertices[rng.choice(len(prior.vertices), SCARS, replace=False)])
+
+
+def patchy(middles: Array) -> Callable[[Array], Array]:
+    """Values of a wall at places (n, 3): enhanced in a patch about each middle, healthy elsewhere."""
+
+    def wall(at: Array) -> Array:
+        away = np.linalg.norm(at[:, None] - middles, axis=2).min(axis=1)
+        return np.where(away < SCAR_SIZE, ENHANCED, HEALTHY)
+
+    return wall
+
+
 def enhanced(seed: int = 7) -> tuple[Case, Array, Grid]:
     """The atrium of a seed, whose prior is in LPS, and a late enhancement image (ni, nj, nk) of it on oblique
     voxels: three patches of its wall are enhanced.
@@ -94,24 +111,23 @@ def enhanced(seed: int = 7) -> tuple[Case, Array, Grid]:
     rng = np.random.default_rng((seed, STREAM))
     case = atrium(seed)
     prior = case.prior
-    middles = prior.vertices[rng.choice(len(prior.vertices), SCARS, replace=False)]
-
-    def wall(at: Array) -> Array:
-        away = np.linalg.norm(at[:, None] - middles, axis=2).min(axis=1)
-        return np.where(away < SCAR_SIZE, ENHANCED, HEALTHY)
-
+    middles = scar_middles(rng, prior)
     grid = oblique_grid(rng, prior, VOXEL)
-    image = late_enhancement(prior, grid, wall, Tissue(), rng)
+    image = late_enhancement(prior, grid, patchy(middles), Tissue(), rng)
     return replace(case, prior_frame="LPS", image={"path": NAME}), image, grid
 
 
 def write_enhanced(folder: Path, seed: int, *, force: bool = False) -> Case:
-    """Write the case of `enhanced` with its image in the folder; NIfTI is in RAS."""
-    import nibabel
-
+    """Write the case of `enhanced` with its image in the folder."""
     case, image, grid = enhanced(seed)
     write_case(folder, case, force=force)
-    affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ grid.affine
-    whole = np.clip(np.round(image), 0, 4095).astype(np.int16)
-    nibabel.save(nibabel.Nifti1Image(whole, affine), folder / NAME)  # type: ignore[no-untyped-call]
+    save_nifti(folder / NAME, np.clip(np.round(image), 0, 4095).astype(np.int16), grid)
     return case
+
+
+def save_nifti(path: Path, values: NDArray[Any], grid: Grid) -> None:
+    """Write values (ni, nj, nk) on a grid in LPS; NIfTI is in RAS."""
+    import nibabel
+
+    affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ grid.affine
+    nibabel.save(nibabel.Nifti1Image(values, affine), path)  # type: ignore[no-untyped-call]

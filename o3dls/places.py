@@ -124,8 +124,20 @@ def temporary_name(path: Path) -> Path:
     keeps the suffix, since writers choose their format by it. It says which process of which machine made it.
     """
     folder = follow_links(path).parent
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     return folder / partial_name(path)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those that it lies in, where they are not there. Raises InputError where it cannot
+    be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        file = next((one for one in (folder, *folder.parents) if one.is_file()), None)
+        why = f"{file} is a file" if file else error.strerror
+        raise InputError(f"{folder}: cannot be made: {why}; name another folder") from None
 
 
 def partial_name(path: Path) -> str:

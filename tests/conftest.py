@@ -24,6 +24,7 @@ LONG = (
     "test_paper.py",
     "test_site.py",
     "test_tutorial.py",
+    "test_tutorial_carto.py",
     "test_readme.py",
     "test_cli.py",
     "test_topology.py",

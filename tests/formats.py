@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from o3dls.case import Points
+from data_synth.carto import car_file as car_file
 from o3dls.geometry.surface import Surface
-from o3dls.io.mapping.carto_points import COLUMNS
 from o3dls.io.surfaces import write_surface
 
 # Absolute, in mm, for coordinates up to 100: the last digit that each format prints, or float32.
@@ -90,15 +89,3 @@ def lattice(spacing: float, origin: np.ndarray) -> np.ndarray:
     affine = np.diag([spacing, spacing, spacing, 1.0])
     affine[:3, 3] = origin
     return affine
-
-
-def car_file(map_name: str, points: Points) -> bytes:
-    """The points as CARTO exports them, a version 5 `_car.txt` with missing values as -10000."""
-    empty = np.full(len(points), np.nan)
-    values = np.nan_to_num(np.column_stack([points.columns.get(n, empty) for n in COLUMNS]), nan=-10_000.0)
-    zeros = ["0", "0", "0"]
-    rest = ["0", "-1", "1", "A", *zeros, "-10000", "-1", *zeros[:2], "-10000", "-10000"]  # columns 14 to 26
-    rows = [f"VERSION_5_0 {map_name}"]
-    for k, row in enumerate(np.column_stack([points.xyz, np.zeros((len(points), 3)), values]).tolist(), 1):
-        rows.append("\t".join(["P", "0", str(k), "0", *(f"{v:g}" for v in row), *rest]) + "\t")
-    return ("\r\n".join(rows) + "\r\n").encode("ascii", "replace")

@@ -101,14 +101,24 @@ def node_to_world(node: Any) -> Any:
 
 def of_markups(node: Any) -> dict[str, Any]:
     place, world = [0.0] * 3, [0.0] * 3
-    local, there, labels = [], [], []
+    local, there, labels, said = [], [], [], []
     for k in range(node.GetNumberOfControlPoints()):
         node.GetNthControlPointPosition(k, place)
         node.GetNthControlPointPositionWorld(k, world)
         local.append(list(place))
         there.append(list(world))
         labels.append(node.GetNthControlPointLabel(k))
-    return {"points": local, "world": there, "labels": labels}
+        said.append(node.GetNthControlPointDescription(k))
+    display = node.GetDisplayNode()
+    return {
+        "points": local,
+        "world": there,
+        "labels": labels,
+        "said": said,
+        "locked": bool(node.GetLocked()),
+        "shown": bool(display.GetVisibility()),
+        "named": bool(display.GetPointLabelsVisibility()),
+    }
 
 
 def of_volume(node: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from conftest import ROOT
 CLAUSES = re.compile(r"[:;]|\.\s|\.$| that | which | where | who ")  # what follows is no main clause
 VERB = re.compile(  # as these docstrings use them; whoever writes another one adds it
     r"\b(is|are|was|were|has|have|holds?|may|shall|can|cannot|met|depends|grows|says?|gives|lists|shows?|names"
-    r"|records|describes?|explains|compares|finds|takes|keeps|reads|runs|makes?|turns|chooses?|estimates|hands"
+    r"|records|describes?|explains|compares|finds|takes|keeps|reads|runs?|makes?|turns|chooses?|estimates|hands"
     r"|delivers|imported|listens|replays|watches|answers|applies|leads|lies?|ends|shifts|stands?|bound|scale"
     r"|govern|discretise|comes|solves)\b"
 )

@@ -69,9 +69,17 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
+    "evaluation": (".", "measures/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
-    "motion": ("settings map_shift_settings drift_settings", "field/", ".", "map_shift/", "off_wall/"),
+    "motion": (
+        "settings map_shift_settings drift_settings",
+        "field/",
+        "wall/",
+        ".",
+        "map_shift/",
+        "off_wall/",
+    ),
     "reconstruction": ("settings shape_settings neighbours", "field/", "points/", "shape/", "."),
     "report": (
         "markup palette",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import shutil
@@ -25,6 +26,8 @@ TOP = {
     *("dev", ".ci", ".github", ".gitignore", ".pre-commit-config.yaml"),
 }
 LINK = re.compile(r"\]\(([^)#:]+)(#[\w-]+)?\)")
+MOST_ARGUMENTS = 6  # besides self and cls
+LONG_FUNCTIONS = 15  # that may have more: mostly commands, and public functions that take options by name
 
 
 def load(path: Path) -> Any:
@@ -132,3 +135,21 @@ def test_the_slow_tests_are_tests() -> None:
     for test in listed:
         file, *_, name = test.split("[")[0].split("::")
         assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), test
+
+
+def arguments_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
+    """Names of the arguments of a function, without the object or class that it is a method of."""
+    given = function.args
+    named = (*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg)
+    return {one.arg for one in named if one} - {"self", "cls"}
+
+
+def test_arguments_that_belong_together_are_one() -> None:
+    long = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path in sorted((ROOT / "o3dls").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and len(arguments_of(node)) > MOST_ARGUMENTS
+    ]
+    assert len(long) <= LONG_FUNCTIONS, "\n".join(long)

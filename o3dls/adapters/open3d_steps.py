@@ -35,15 +35,10 @@ def open3d_solver(
             return _step_to_points(factors.pairs.points[kept], factors.pairs.feet[kept], scale=freedom.scale)
         factor = EFFICIENT_95.get(kernel, 1.0) if width is None else width
         normals = point_normals[kept] if len(point_normals) else point_normals
-        return _step_on_normals(
-            metric,
-            kernel,
-            factor * robust_sd(factors.residuals[kept]),
-            factors.pairs.of(kept),
-            normals,
-            thickness,
-            body,
-        )
+        shrink = scale_of(np.asarray(np.linalg.inv(body.T_map_prior)))
+        width_here = factor * robust_sd(factors.residuals[kept]) * shrink
+        estimator = _make_estimator(metric, kernel, width_here, thickness)
+        return _step_on_normals(estimator, factors.pairs.of(kept), normals, thickness, body.T_map_prior)
 
     return solve
 
@@ -61,32 +56,32 @@ def _step_to_points(points: Array, feet: Array, *, scale: bool) -> Array:
 
 
 def _step_on_normals(
-    metric: str, kernel: str, width: float, pairs: Pairs, point_normals: Array, thickness: float, body: Body
+    estimator: Any, pairs: Pairs, point_normals: Array, thickness: float, T_map_prior: Array
 ) -> Array:
-    """Return the step along normals: Open3D moves the points onto a surface at rest and turns them about the
-    origin, so its steps are taken in the frame of the prior.
+    """Return an estimator's step along normals: Open3D moves the points onto a surface at rest and turns them
+    about the origin, so its steps are taken in the frame of the prior.
     """
-    import open3d as o3d
-
-    prior_map = np.asarray(np.linalg.inv(body.T_map_prior))
-    scale = scale_of(prior_map)
-    turn = prior_map[:3, :3] / scale
+    prior_map = np.asarray(np.linalg.inv(T_map_prior))
+    turn = prior_map[:3, :3] / scale_of(prior_map)
     normals = pairs.normals @ turn.T
     surface = _make_cloud(apply(prior_map, pairs.feet), normals, thickness)
     points = _make_cloud(apply(prior_map, pairs.points))
     if len(point_normals):
         points = _make_cloud(apply(prior_map, pairs.points), point_normals @ turn.T, thickness)
+    matrix = estimator.compute_transformation(points, surface, _pair_one_to_one(len(normals)))
+    return np.asarray(T_map_prior @ np.linalg.inv(matrix) @ prior_map, dtype=np.float64)
+
+
+def _make_estimator(metric: str, kernel: str, width: float, thickness: float) -> Any:
+    """Make Open3D's estimator of a metric along normals, whose loss has this width in the prior's frame."""
+    import open3d as o3d
+
     registration = o3d.pipelines.registration
     if metric == "generalized":
-        estimator = registration.TransformationEstimationForGeneralizedICP(
-            thickness, _make_loss(kernel, width * scale)
-        )
-    elif metric == "symmetric":  # its residual is along the sum of the normals, ours along their mean
-        estimator = registration.TransformationEstimationSymmetric(_make_loss(kernel, 2.0 * width * scale))
-    else:
-        estimator = registration.TransformationEstimationPointToPlane(_make_loss(kernel, width * scale))
-    matrix = estimator.compute_transformation(points, surface, _pair_one_to_one(len(normals)))
-    return np.asarray(body.T_map_prior @ np.linalg.inv(matrix) @ prior_map, dtype=np.float64)
+        return registration.TransformationEstimationForGeneralizedICP(thickness, _make_loss(kernel, width))
+    if metric == "symmetric":  # its residual is along the sum of the normals, ours along their mean
+        return registration.TransformationEstimationSymmetric(_make_loss(kernel, 2.0 * width))
+    return registration.TransformationEstimationPointToPlane(_make_loss(kernel, width))
 
 
 def _pair_one_to_one(count: int) -> Any:

@@ -15,6 +15,7 @@ from .options import as_json, limits, overrides, progress
 from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
 
 if TYPE_CHECKING:
+    from ..pipeline.batch import Workers
     from ..pipeline.outcome import Outcome
     from ..report.cohort.entries import Entry
 
@@ -81,6 +82,7 @@ def batch(
     settings: tuple[str, ...],
     out: Path,
     shard: tuple[int, int] | None,
+    resume: bool,
     as_json: bool,
     **how: Any,
 ) -> int:
@@ -98,7 +100,8 @@ def batch(
     study = read_study(cases, pipeline, settings)
     if shard:
         study = part_of(study, *shard)
-    outcomes = _run_study(study, out, as_json=as_json, table=not shard, **how)
+    workers = _find_workers(**how)
+    outcomes = _run_study(study, out, workers, force=not resume, as_json=as_json, table=not shard)
     if len(outcomes) < len(study):
         return INTERRUPTED
     if shard:
@@ -106,44 +109,29 @@ def batch(
     return _report_cohort(outcomes, out, as_json=as_json)
 
 
-def _run_study(
-    study: Sequence[Any],
-    out: Path,
-    *,
-    jobs: int | None,
-    scheduler: str | None,
-    resume: bool,
-    timeout: float | None,
-    memory: float | None,
-    retries: int,
-    as_json: bool,
-    table: bool,
-) -> list[Outcome]:
-    """Run a study's cases and return their outcomes; each is told as it comes."""
-    from threading import Event
-
-    from ..pipeline.batch import run_cohort
+def _find_workers(
+    *, jobs: int | None, scheduler: str | None, timeout: float | None, memory: float | None, retries: int
+) -> Workers:
+    """Return who runs the cases, and within what limits."""
+    from ..pipeline.batch import Workers
     from ..pipeline.scheduler import LOCAL
     from ..pipeline.supervision import Limits
-    from .progress import bar
 
     if jobs and scheduler not in (None, LOCAL):
         raise click.UsageError(f"--jobs: {scheduler} has workers of its own; leave --jobs out")
-    limits = Limits(timeout, int(memory) if memory else None, retries)
-    stop = Event()
-    with bar(len(study)) as shown, first_told(stop.set):
+    return Workers(jobs or 1, scheduler, Limits(timeout, int(memory) if memory else None, retries))
+
+
+def _run_study(
+    study: Sequence[Any], out: Path, workers: Workers, *, force: bool, as_json: bool, table: bool
+) -> list[Outcome]:
+    """Run a study's cases and return their outcomes; each is told as it comes."""
+    from ..pipeline.batch import run_cohort
+    from .progress import bar
+
+    with bar(len(study)) as shown, first_told(workers.stop.set):
         hear = _make_listener(len(study), shown, as_json)
-        return run_cohort(
-            study,
-            out,
-            jobs=jobs or 1,
-            scheduler=scheduler,
-            limits=limits,
-            force=not resume,
-            table=table,
-            stop=stop,
-            told=hear,
-        )
+        return run_cohort(study, out, workers, force=force, table=table, told=hear)
 
 
 def _make_listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None]:

@@ -120,12 +120,13 @@ def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) 
 
     Asks for the files that are not given.
     """
-    from ..pipeline.new_case import make_case
+    from ..pipeline.new_case import Inputs, make_case
 
     if prior is None or points is None:
         prior, points, options["landmarks"] = ask_files(prior, points, options["landmarks"])
         options["prior_of"] = options["prior_of"] or ask_whose()
-    pipeline = make_case(folder, prior, points, **options)
+    inputs = Inputs(prior, points, options.pop("landmarks"), options.pop("image"))
+    pipeline = make_case(folder, inputs, **options)
     say(pipeline)
     say(f"to run it: o3dls run {shlex.quote(str(pipeline))}", error=True)
 

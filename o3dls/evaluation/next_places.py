@@ -58,11 +58,13 @@ class Advice:
 @dataclass(frozen=True, eq=False)
 class _Wall:
     """This is what is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
-    variance (m,) before any place was; for each vertex (n,) the nearest of the sample, deviation and weight.
+    variance (m,) before any place was, and the vertices (m,) that it is of; for each vertex (n,) the nearest
+    of the sample, deviation and weight.
     """
 
     covariance: Array
     first: Array
+    vertex: Ints
     of: Ints
     sd: Array
     weights: Array
@@ -167,11 +169,10 @@ def suggest(
     weights = np.ones(n) if weights is None else _check_weights("weights", weights, n)
     at = estimate.motion(case.prior.vertices[modes.places])
     wall = _describe_wall(case, estimate, modes, at, weights)
-    vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     shallow = _tube_depths(case.prior, modes.places.tobytes()) < APART
-    parts = [(reachable & part)[vertex] for part in unvisited]
+    parts = [(reachable & part)[wall.vertex] for part in unvisited]
     parts = [part & shallow if (part & shallow).any() else part for part in parts]
-    return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, parts, k)
+    return _choose_places(case, estimate, wall, reachable[wall.vertex] & shallow, parts, k)
 
 
 @lru_cache(maxsize=2)  # a session asks for the same prior again and again
@@ -195,19 +196,21 @@ def _describe_wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, 
     surface = estimate.surface
     covariance = modes.modes @ modes.modes.T
     first = np.maximum(np.diag(covariance), TINY)
+    vertex = np.asarray(cKDTree(surface.vertices).query(at)[1], dtype=np.int64)
     of = np.asarray(cKDTree(at).query(surface.vertices)[1], dtype=np.int64)
     sd = np.asarray(surface.fields.get(f"sd_{case.units}", np.sqrt(first)[of]), dtype=np.float64)
     known = np.isfinite(sd)
-    return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * surface.vertex_areas * known)
+    weights = weights * surface.vertex_areas * known
+    return _Wall(covariance, first, vertex, of, np.where(known, sd, 0.0), weights)
 
 
 def _choose_places(
-    case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, parts: list[Mask], k: int
+    case: Case, estimate: Estimate, wall: _Wall, allowed: Mask, parts: list[Mask], k: int
 ) -> Advice:
     """Return the places of highest worth among those allowed (m,), and then one in each part (m,) without a
     point that none of them is in.
     """
-    at = estimate.surface.vertices[vertex]
+    at = estimate.surface.vertices[wall.vertex]
     apart = APART * rms_radius(estimate.surface.vertices)
     points = estimate.corrected(case).points.of("eam").xyz
     distance = np.asarray(cKDTree(points).query(at)[0]) if len(points) else np.full(len(at), np.inf)
@@ -217,7 +220,7 @@ def _choose_places(
     found, ended = list[Place](), ""
     while len(found) < k:
         gains = wall.gains(sigma, believed)
-        best, ended = _find_best(wall, vertex, allowed & free, gains)
+        best, ended = _find_best(wall, allowed & free, gains)
         if ended:
             best = _find_best_in_parts(parts, free, gains)
         if best is None:
@@ -227,7 +230,7 @@ def _choose_places(
         found.append(
             Place(
                 xyz=at[best],
-                vertex=int(vertex[best]),
+                vertex=int(wall.vertex[best]),
                 distance=float(distance[best]),
                 before=wall.expected(),
                 after=after.expected(),
@@ -242,9 +245,9 @@ def _choose_places(
     return Advice(tuple(found), ended if len(found) < k else "")
 
 
-def _find_best(wall: _Wall, vertex: Ints, allowed: Mask, gains: Array) -> tuple[int | None, str]:
+def _find_best(wall: _Wall, allowed: Mask, gains: Array) -> tuple[int | None, str]:
     """Return the place of the highest gain that is worth a point; else None, and why there is none."""
-    open_ = allowed & (wall.sd_now[vertex] > wall.mean(wall.sd_now))
+    open_ = allowed & (wall.sd_now[wall.vertex] > wall.mean(wall.sd_now))
     if not open_.any():
         return None, "no further place is reachable, unsure and away from the points"
     best = int(np.where(open_, gains, -1.0).argmax())

@@ -98,6 +98,21 @@ def valve_of(surface: Surface, landmarks: Mapping[str, Array]) -> Mask:
     return np.asarray(openings(surface, landmarks) == VALVE)
 
 
+def tubes(surface: Surface, landmarks: Mapping[str, Array]) -> dict[str, Mask]:
+    """Return the vertices (n,) of each named vein and of the appendage that lie at least 5 mm out of the
+    chamber, in one piece: what lies beyond a section of the tube. One that is shorter is left out.
+    """
+    of, deep, edges = openings(surface, landmarks), _measure_depths(surface) > DEEP, _measure_edges(surface)
+    found = dict[str, Mask]()
+    for name in (*VEINS, "LAA"):
+        inside = deep & (of == REGIONS.index(name))
+        part = connected_components(_keep_edges(edges, inside), directed=False)[1]
+        largest = inside & (part == np.bincount(part[inside]).argmax()) if inside.any() else inside
+        if largest[surface.faces].all(axis=1).any():
+            found[name] = largest
+    return found
+
+
 def unvisited(surface: Surface, landmarks: Mapping[str, Array], points: Array) -> list[Mask]:
     """Return the vertices (n,) of each vein and of the appendage that no point (m, 3) lies nearest to."""
     of = openings(surface, landmarks)

@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
-from ..arrays import ROUNDING, Array, Ints
+from ..arrays import ROUNDING, Ints
+from ..geometry.spread import spread
 from ..geometry.surface import Surface
 from ..motion.motion import FittedMotion
 from ..motion.recorded import Motion, RecordedMotion, WallModes
@@ -38,18 +39,3 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
 @lru_cache(maxsize=2)  # a session asks for the same prior again and again
 def _spread_places(prior: Surface) -> Ints:
     return spread(prior.vertices, PLACES)
-
-
-def spread(points: Array, count: int) -> Ints:
-    """Return indices of at most `count` points (n, d), each the farthest from those before it; the first is
-    the farthest from the middle.
-    """
-    axes = np.ascontiguousarray(points.T)  # sums along the first axis are three times as fast
-    gap = np.full(len(points), np.inf)
-    found = [int(((axes - points.mean(axis=0)[:, None]) ** 2).sum(axis=0).argmax())]
-    while len(found) < min(count, len(points)):
-        gap = np.minimum(gap, ((axes - axes[:, found[-1], None]) ** 2).sum(axis=0))
-        if gap.max() == 0.0:
-            break
-        found.append(int(gap.argmax()))
-    return np.array(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +13,29 @@ from ..parallel import axes_of, by_rows
 from .bounding_box_tree import box_gap, corners_and_boxes, median_order
 
 WORTH = 500  # points that are worth a thread
+STACK = 128  # nodes of a tree that wait at most: more than any tree is deep
 LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
+
+
+class FaceTree(NamedTuple):
+    """A tree of faces has their corners (m, 3, 3) in its own order, the number of leaves that hold them, and
+    the boxes (2 leaves - 1, 2, 3) of its nodes.
+    """
+
+    corners: Array
+    leaves: int
+    boxes: Array
+
+
+class Nearest(NamedTuple):
+    """Nearest to each point are, at this squared distance (k,), a face (k,), a place in it (k, 3) and that
+    place's weights (k, 3).
+    """
+
+    squared: Array
+    face: Ints
+    feet: Array
+    weights: Array
 
 
 class ClosestPoint:
@@ -44,6 +67,7 @@ class ClosestPoint:
         self.corners, self.boxes = corners_and_boxes(
             axes_of(vertices), self.vertices, self.in_order, self.leaves
         )
+        self.face_tree = FaceTree(self.corners, self.leaves, self.boxes)
 
     def query(
         self, points: Array, bound: float = np.inf, hint: Ints | None = None
@@ -59,19 +83,13 @@ class ClosestPoint:
         spatial = np.zeros((n, 3))
         spatial[:, :d] = points
         guess = np.full(n, -1) if hint is None else self.rank[hint]
-        squared = np.full(n, np.inf)
-        found = np.full(n, -1)
-        feet = np.full((n, 3), np.nan)
-        weights = np.zeros((n, 3))
-        by_rows(
-            _query_points,
-            WORTH,
-            (spatial, guess, squared, found, feet, weights),
-            self.corners,
-            self.leaves,
-            self.boxes,
-            bound * bound,
-        )
+        none = np.full(n, np.inf), np.full(n, -1), np.full((n, 3), np.nan), np.zeros((n, 3))
+
+        def fill(points: Array, guess: Ints, *rows: Any) -> None:
+            _query_points(points, guess, Nearest(*rows), self.face_tree, bound * bound)
+
+        by_rows(fill, WORTH, (spatial, guess, *none))
+        squared, found, feet, weights = none
         return squared, np.where(found < 0, -1, self.order[found]), feet[:, :d], weights[:, :d]
 
     def distance(self, points: Array) -> Array:
@@ -80,12 +98,15 @@ class ClosestPoint:
 
 
 @njit(cache=True, nogil=True)
-def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
+def _second_and_third(second, third, place):  # type: ignore[no-untyped-def]
     """Return the barycentric weights of the second and third corner at the closest point, by Voronoi regions.
 
-    Ericson, Real-Time Collision Detection, 5.1.5; corners and point relative to the first corner. Scalars,
-    because array views cost more than the sums.
+    Ericson, Real-Time Collision Detection, 5.1.5; corners and point (3 numbers each) relative to the first
+    corner. Tuples, because array views cost more than the sums.
     """
+    bx, by, bz = second
+    cx, cy, cz = third
+    x, y, z = place
     d1 = bx * x + by * y + bz * z
     d2 = cx * x + cy * y + cz * z
     if d1 <= 0.0 and d2 <= 0.0:
@@ -117,16 +138,20 @@ def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
     ax, ay, az = corners[k, 0, 0], corners[k, 0, 1], corners[k, 0, 2]
     bx, by, bz = corners[k, 1, 0] - ax, corners[k, 1, 1] - ay, corners[k, 1, 2] - az
     cx, cy, cz = corners[k, 2, 0] - ax, corners[k, 2, 1] - ay, corners[k, 2, 2] - az
-    v, w = _second_and_third(bx, by, bz, cx, cy, cz, x - ax, y - ay, z - az)
+    v, w = _second_and_third((bx, by, bz), (cx, cy, cz), (x - ax, y - ay, z - az))
     gx, gy, gz = x - ax - v * bx - w * cx, y - ay - v * by - w * cy, z - az - v * bz - w * cz
     return gx * gx + gy * gy + gz * gz, v, w
 
 
 @njit(cache=True, nogil=True)
-def nearest_face(x, y, z, guess, limit, corners, leaves, boxes, stack, stack_gap):  # type: ignore[no-untyped-def]
-    """Return the nearest face to a point whose squared distance is within `limit`, or -1; that distance, and
-    the weights of the face's second and third corner. stack, stack_gap (128,): room for nodes that wait.
+def nearest_face(place, guess, limit, tree, waiting):  # type: ignore[no-untyped-def]
+    """Return the nearest face to a place whose squared distance is within `limit`, or -1; that distance, and
+    the weights of the face's second and third corner. The search begins with the face `guess`, unless -1.
+    waiting: room for nodes that wait, and for their squared distances, STACK each.
     """
+    x, y, z = place
+    corners, leaves, boxes = tree
+    stack, stack_gap = waiting
     m = corners.shape[0]
     best = -1
     best_v = 0.0
@@ -168,20 +193,20 @@ def nearest_face(x, y, z, guess, limit, corners, leaves, boxes, stack, stack_gap
 
 
 @njit(cache=True, nogil=True)
-def _query_points(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
+def _query_points(points, guess, nearest, tree, bound2):  # type: ignore[no-untyped-def]
     """Fill in what is nearest to each point, where something is near enough."""
-    stack = np.empty(128, dtype=np.int64)
-    stack_gap = np.empty(128)
+    waiting = np.empty(STACK, dtype=np.int64), np.empty(STACK)
+    corners, weights = tree.corners, nearest.weights
     for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        best, gap, v, w = nearest_face(x, y, z, guess[i], bound2, corners, leaves, boxes, stack, stack_gap)
+        place = points[i, 0], points[i, 1], points[i, 2]
+        best, gap, v, w = nearest_face(place, guess[i], bound2, tree, waiting)
         if best >= 0:
-            best2[i], found[i] = gap, best
+            nearest.squared[i], nearest.face[i] = gap, best
             weights[i, 0] = 1.0 - v - w
             weights[i, 1] = v
             weights[i, 2] = w
             for axis in range(3):
-                feet[i, axis] = (
+                nearest.feet[i, axis] = (
                     weights[i, 0] * corners[best, 0, axis]
                     + v * corners[best, 1, axis]
                     + w * corners[best, 2, axis]

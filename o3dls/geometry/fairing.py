@@ -4,14 +4,25 @@ do not follow bumps.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from .differential import neighbours
 
 PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
 MOST_STEPS = 5000  # 150 are usual
+
+
+class _Graph(NamedTuple):
+    """A graph has the neighbours `near` of each vertex, from begin[i] to begin[i + 1], and masses (n,)."""
+
+    begin: NDArray[np.int32]
+    near: NDArray[np.int32]
+    mass: Array
 
 
 def fair(vertices: Array, rough: Array, normals: Array) -> Array:
@@ -45,19 +56,21 @@ def roughness(vertices: Array, faces: Ints, length: float) -> Array:
     centred = np.zeros((n, 3))
     centred[:, :dim] = vertices - vertices.mean(axis=0)
     error = PRECISION * float(np.sqrt((centred**2).sum() / n) * np.linalg.norm(mass))
-    rough = centred - _smooth_columns(begin, near, mass, 0.5 * length**2, centred, centred, error)
-    rough -= _smooth_columns(begin, near, mass, 0.5 * length**2, rough, np.zeros_like(rough), error)
+    graph, pull = _Graph(begin, near, mass), 0.5 * length**2
+    rough = centred - _smooth_columns(graph, pull, centred, centred, error)
+    rough -= _smooth_columns(graph, pull, rough, np.zeros_like(rough), error)
     return np.asarray(rough[:, :dim])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _smooth_columns(begin, near, mass, pull, y, guess, error):  # type: ignore[no-untyped-def]
+def _smooth_columns(graph, pull, y, guess, error):  # type: ignore[no-untyped-def]
     """Solve (M + pull K) x = M y for columns x (n, 3), K of a graph with unit weights, until no residual's
     norm exceeds `error`.
 
     Conjugate gradients with Jacobi's preconditioner, all columns in one pass, which a library's does one by
     one. They are written out so that their sums stay in registers.
     """
+    begin, near, mass = graph
     n = len(mass)
     weight = mass + pull * (begin[1:] - begin[:-1])
     share = 1.0 / weight

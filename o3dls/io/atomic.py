@@ -29,12 +29,12 @@ log = logging.getLogger("o3dls")
 
 
 @contextmanager
-def _report_full_disk(path: Path) -> Iterator[None]:
-    """Say what could not be written where there is no room for it."""
+def _report_unwritten(path: Path, staged: Path) -> Iterator[None]:
+    """Say what could not be written where there is no room for it, or its staged name cannot be made."""
     try:
         yield
     except OSError as error:
-        if error.errno not in FULL:
+        if error.errno not in FULL and str(staged) not in str(error.filename):
             raise
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
@@ -52,7 +52,7 @@ def staged_file(path: str | Path, within: str | Path | None = None) -> Iterator[
     _check_file(path)
     staged = temporary_name(path)
     try:
-        with _report_full_disk(path):
+        with _report_unwritten(path, staged):
             yield staged
             _flush_to_disk(staged)
         os.replace(staged, follow_links(path))
@@ -85,7 +85,8 @@ def staged_files(path: str | Path, within: str | Path | None = None) -> Iterator
         check_inside(path, Path(within))
     _check_file(path)
     staged = temporary_name(path)
-    staged.mkdir()
+    with _report_unwritten(path, staged):
+        staged.mkdir()
     try:
         yield staged / path.name
         for file in staged.iterdir():
@@ -228,7 +229,7 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     staged = temporary_name(out)
     staged.mkdir()
     try:
-        with _report_full_disk(out):
+        with _report_unwritten(out, staged):
             yield staged
         check_free(out, force, _folder_kind(staged))  # another process may have made it meanwhile
         if out.exists():

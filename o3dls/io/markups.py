@@ -179,8 +179,12 @@ def _read_fcsv(path: Path, text: str, frame: str | None) -> Markups:
     return Markups(tuple(names), xyz, space)
 
 
-def write_markups(path: str | Path, markups: Markups) -> None:
-    """Write `.mrk.json` in the frame of the points, which must be known."""
+def write_markups(
+    path: str | Path, markups: Markups, descriptions: Sequence[str] = (), *, locked: bool = False
+) -> None:
+    """Write `.mrk.json` in the frame of the points, which must be known; with what is said of each point, and
+    `locked` against being moved by the mouse.
+    """
     if markups.space not in ("LPS", "RAS"):
         raise InputError(f"{path}: Slicer must know the frame; it is '{markups.space}': must be LPS or RAS")
     facing = (
@@ -189,23 +193,24 @@ def write_markups(path: str | Path, markups: Markups) -> None:
         else np.eye(3).ravel().tolist()
     )
     flags = {"selected": True, "locked": False, "visibility": True, "positionStatus": "defined"}
+    said = descriptions or [""] * len(markups.names)
     points = [
         {
             "id": str(k),
             "label": name,
-            "description": "",
+            "description": text,
             "associatedNodeID": "",
             "position": xyz,
             "orientation": facing,
             **flags,
         }
-        for k, (name, xyz) in enumerate(zip(markups.names, markups.xyz.tolist(), strict=True), 1)
+        for k, (name, xyz, text) in enumerate(zip(markups.names, markups.xyz.tolist(), said, strict=True), 1)
     ]
     item = {
         "type": "Fiducial",
         "coordinateSystem": markups.space,
         "coordinateUnits": "mm",
-        "locked": False,
+        "locked": locked,
         "labelFormat": "%N-%d",
     }
     whole = {"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}

@@ -64,35 +64,34 @@ def descend(
     *,
     spacing: float,
     cycles: int,
-    settings: PaperSettings = DEFAULTS,
 ) -> Result:
     """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times some steps, a reinitialisation after each
     cycle.
 
     prior: the prior moved by T; points (n, d); sigma: their noise. Stops where the energy no longer falls.
     """
-    psi = signed_distance(prior.vertices, prior.faces, spacing, settings.half_band * spacing)
+    psi = signed_distance(prior.vertices, prior.faces, spacing, DEFAULTS.half_band * spacing)
     field = psi
     trace = [
         {"iteration": 0}
-        | energies(psi, heaviside(psi.phi, settings.delta_width * spacing), points, sigma, weights, settings)
+        | energies(psi, heaviside(psi.phi, DEFAULTS.delta_width * spacing), points, sigma, weights)
     ]
     how = "stopped at the iteration limit"
     for _ in range(cycles):
-        shape = heaviside(_on_band(psi, field.band), settings.delta_width * spacing)
-        moved = _make_steps(field, shape, points, sigma, weights, settings)
+        shape = heaviside(_on_band(psi, field.band), DEFAULTS.delta_width * spacing)
+        moved = _make_steps(field, shape, points, sigma, weights, DEFAULTS)
         if not np.isfinite(moved).all():
             raise SolverError(
                 "level_set: phi is no longer finite: the paper's weights are too large for the spacing"
             )
         candidate = reinitialise(field.band, moved)
-        shape = heaviside(_on_band(psi, candidate.band), settings.delta_width * spacing)
-        record = energies(candidate, shape, points, sigma, weights, settings)
+        shape = heaviside(_on_band(psi, candidate.band), DEFAULTS.delta_width * spacing)
+        record = energies(candidate, shape, points, sigma, weights)
         fall = trace[-1]["energy"] - record["energy"]
         if fall > 0.0:
             field = candidate
             trace.append({"iteration": len(trace)} | record)
-        if fall <= settings.settled * trace[-1]["energy"]:
+        if fall <= DEFAULTS.settled * trace[-1]["energy"]:
             how = (
                 "converged"
                 if fall >= 0.0
@@ -109,12 +108,11 @@ def energies(
     points: Array,
     sigma: float,
     weights: Weights,
-    settings: PaperSettings = DEFAULTS,
 ) -> dict[str, float]:
     """Return the terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
     band, phi = field.band, field.phi
     cell = band.spacing**band.dimension
-    reach = settings.delta_width * band.spacing
+    reach = DEFAULTS.delta_width * band.spacing
     slope = np.linalg.norm(gradient(band, phi), axis=1)
     terms = {
         "data": weights.data * float(((band.interpolation(points) @ phi) ** 2).sum()) / sigma**2,

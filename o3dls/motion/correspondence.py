@@ -10,19 +10,53 @@ between them instead of locking to one.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
 
-from ..arrays import ROUNDING, TINY, Array
+from ..arrays import ROUNDING, TINY, Array, Ints
 from ..geometry.bounding_box_tree import box_gap
-from ..geometry.closest_point import ClosestPoint, closest_on_face
+from ..geometry.closest_point import STACK, ClosestPoint, closest_on_face
 from ..geometry.differential import vertex_normals
 from ..parallel import axes_of, by_rows
 from .field.covariance import Places
 from .field.observations import Feet
 
 WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
-STACK = 128  # nodes of the tree that wait: more than any tree is deep
+
+
+class _Faces(NamedTuple):
+    """Faces have corners (m, 3, 3) and vertices (m, d). Of the vertices, normals (n, d) are known, and places
+    and normals in the reference pose.
+    """
+
+    corners: Array
+    vertices: Ints
+    normals: Array
+    rest: Array
+    rest_normals: Array
+
+
+class _Tree(NamedTuple):
+    """A tree has leaves, boxes, and what each of its faces and each of its nodes holds (3 d + 4)."""
+
+    leaves: int
+    boxes: Array
+    centres: Array
+    nodes: Array
+
+
+class _Asked(NamedTuple):
+    """Each point has a place (k, 3), squared noise (k,), and the squared distance and the face of its closest
+    point (k,); the means (k, 3 d + 2) are filled in.
+    """
+
+    points: Array
+    sd2: Array
+    closest2: Array
+    nearest: Ints
+    means: Array
 
 
 def likely_feet(
@@ -43,52 +77,39 @@ def likely_feet(
     spatial[:, :dim] = points
     centres = np.empty((len(tree.faces), 3 * dim + 4))
     means = np.zeros((len(points), 3 * dim + 2))
-    by_rows(
-        _fill_elements,
-        WORTH_FACES,
-        (tree.corners, tree.in_order, centres),
-        axes,
-        normals,
-        rest.at,
-        rest.normals,
-    )
-    nodes = _sum_nodes(axes, centres, tree.leaves, tree.boxes)
-    rows = spatial, sd**2, closest2, tree.rank[nearest], means
-    elements = (
-        tree.leaves,
-        tree.boxes,
-        tree.corners,
-        tree.in_order,
-        centres,
-        nodes,
-        normals,
-        rest.at,
-        rest.normals,
-        cutoff,
-        resolution,
-    )
-    by_rows(_add_faces, WORTH, rows, axes, *elements)
+    at_vertices = normals, rest.at, rest.normals
+
+    def fill(corners: Array, vertices: Ints, out: Array) -> None:
+        _fill_elements(axes, _Faces(corners, vertices, *at_vertices), out)
+
+    by_rows(fill, WORTH_FACES, (tree.corners, tree.in_order, centres))
+    faces = _Faces(tree.corners, tree.in_order, *at_vertices)
+    nodes = _Tree(tree.leaves, tree.boxes, centres, _sum_nodes(axes, centres, tree.leaves, tree.boxes))
+
+    def add(*rows: Any) -> None:
+        _add_faces(_Asked(*rows), axes, faces, nodes, cutoff, resolution)
+
+    by_rows(add, WORTH, (spatial, sd**2, closest2, tree.rank[nearest], means))
     at, mean, along, height, moved = np.split(means, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
     residual = height[:, 0] + (mean * (moved - at)).sum(axis=1)  # from the foot's place in the reference pose
     return Feet(at, mean, along[:, 0], residual)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
+def _write_element(axes, faces, k, share, out):  # type: ignore[no-untyped-def]
     """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest
     normal, normal . place, place.
-
-    Rest place, normal, its share along the rest normal, normal . place, place.
     """
+    corners, vertices, normals, rest, rest_normals = faces
     dim = len(axes)
     length = rest_length = agreement = height = 0.0
     for axis in range(dim):
         normal = rest_normal = place = origin = 0.0
         for c in range(dim):
-            normal += share[c] * normals[faces[k, c], axis]
-            rest_normal += share[c] * rest_normals[faces[k, c], axis]
+            normal += share[c] * normals[vertices[k, c], axis]
+            rest_normal += share[c] * rest_normals[vertices[k, c], axis]
             place += share[c] * corners[k, c, axis]
-            origin += share[c] * rest[faces[k, c], axis]
+            origin += share[c] * rest[vertices[k, c], axis]
         out[axis], out[dim + axis], out[2 * dim + 2 + axis] = origin, normal, place
         length += normal * normal
         rest_length += rest_normal * rest_normal
@@ -102,15 +123,16 @@ def _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill_elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+def _fill_elements(axes, faces, out):  # type: ignore[no-untyped-def]
     """Fill in what every face holds at its centre, then its measure and its greatest squared edge.
 
     `out` is (m, 3 d + 4), in tree order.
     """
-    m, dim = len(faces), len(axes)
+    corners = faces.corners
+    m, dim = len(corners), len(axes)
     share = np.full(dim, 1.0 / dim)
     for k in range(m):
-        _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
+        _write_element(axes, faces, k, share, out[k])
         ux, uy, uz = (
             corners[k, 1, 0] - corners[k, 0, 0],
             corners[k, 1, 1] - corners[k, 0, 1],
@@ -135,8 +157,6 @@ def _fill_elements(corners, faces, out, axes, normals, rest, rest_normals):  # t
 def _sum_nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
     """Return what every node of the tree holds: the means of its faces, their measure, and the squared
     diagonal of its box.
-
-    The means of its faces, their measure, and the squared diagonal of its box.
     """
     m = len(centres)
     width = 3 * len(axes) + 4
@@ -178,30 +198,14 @@ def _add_element(axes, means, points, i, elements, k, closest2, sd2):  # type: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_faces(  # type: ignore[no-untyped-def]
-    points,
-    sd2,
-    closest2,
-    nearest,
-    means,
-    axes,
-    leaves,
-    boxes,
-    corners,
-    faces,
-    centres,
-    nodes,
-    normals,
-    rest,
-    rest_normals,
-    cutoff,
-    resolution,
-):
+def _add_faces(asked, axes, faces, tree, cutoff, resolution):  # type: ignore[no-untyped-def]
     """Add to the means (n, 3 d + 2) of each point what the faces hold.
 
     The weights are measure * exp(-squared distance / 2 sd2); the height is that of the point over the face.
     """
-    n, m, dim = len(points), len(faces), len(axes)
+    points, sd2, closest2, nearest, means = asked
+    leaves, boxes, centres, nodes = tree
+    n, m, dim = len(points), len(centres), len(axes)
     size = 3 * dim + 2
     stack = np.empty(STACK, dtype=np.int64)
     share = np.empty(3)
@@ -229,13 +233,13 @@ def _add_faces(  # type: ignore[no-untyped-def]
                     total += _add_element(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 # a face large against the noise is seen at its closest point
-                gap, share[1], share[2] = closest_on_face(x, y, z, corners, k)
+                gap, share[1], share[2] = closest_on_face(x, y, z, faces.corners, k)
                 if gap > limit:
                     continue
                 share[0] = 1.0 - share[1] - share[2]
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
-                _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
+                _write_element(axes, faces, k, share, own[0])
                 own[0, 3 * dim + 2] = centres[k, 3 * dim + 2]
                 total += _add_element(axes, means, points, i, own, 0, closest2[i], sd2[i])
         if total == 0.0:  # all weights underflow far off a sharp edge

@@ -125,8 +125,8 @@ def _leave_points_out(
 ) -> tuple[Array, Array]:
     """Return each point's residual (n,) to the fit without it, and the variance (n,) to judge that by."""
     alone = solved.field.solved.left_out(solved.noise)
-    noises = np.exp(solved.log_noise)
-    return points_left_out(solved.rows, feet, state.weights, solved.noise, *alone, noises, problem.data)
+    own = problem.data.noise(np.exp(solved.log_noise))
+    return points_left_out(solved.rows, feet, state.weights, solved.noise, alone, own)
 
 
 def _length_across(taken: Step, faces: Ints) -> float:
@@ -146,13 +146,14 @@ def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
     """Return the rows of the linear system: one for each point, or for each patch if points are many; where
     errors go together, for each patch and part of the order.
     """
-    settings, data = problem.settings.iteration, problem.data
-    frame = problem.frame if len(data.points) > settings.most_rows else None
-    patches = state.patches
-    if state.scales.drifts and patches is None:
-        patches = rows_in_order(problem, feet)
-    patch = _patch_width(problem)
-    rows = gather(feet, data, state.weights, problem.marks, settings.most_rows, patch, patches, frame)
+    data, of_point = problem.data, state.patches
+    if of_point is None and len(data.points) <= problem.settings.iteration.most_rows:
+        of_point = np.arange(len(data.points))
+    if of_point is None and state.scales.drifts:
+        of_point = rows_in_order(problem, feet)
+    if of_point is None:
+        of_point = number_patches(feet, data.group, _patch_width(problem), problem.frame)
+    rows = gather(feet, data, state.weights, problem.marks, of_point)
     if not state.scales.drifts:
         return rows
     place = data.place_in_order

@@ -111,9 +111,8 @@ def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
         scales = replace(state.scales, log=tune_noise(state.scales, seen, rows, problem.settings.iteration))
         matrix, noise = likelihood.covariance(scales.log)
         posterior, _ = solve(matrix, rows.residual)
-        out = points_left_out(
-            rows, feet, state.weights, noise, *posterior.left_out(noise), scales.noises, problem.data
-        )
+        own = problem.data.noise(scales.noises)
+        out = points_left_out(rows, feet, state.weights, noise, posterior.left_out(noise), own)
         weights, contact = believe(problem, state, *out)
         before = energy
         labels = contact_energy(problem.data, state.weights, out[0], contact, scales.noises)

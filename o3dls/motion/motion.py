@@ -63,13 +63,18 @@ class FittedMotion:
         var = self.field.variance(places.observed(normals))
         # the points may miss a motion that is there: the deviation is that of the motion from where the
         # surface is left
-        beyond = (
+        held_back = (
             0.0
             if self.probability == 1.0
-            else ((self.field.mean(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
+            else (self.unfollowed(places.at, self.field.mean(places)) * normals).sum(axis=1)
         )
-        held_back = (1.0 - self.probability) * beyond
-        return self.inflation * np.sqrt(var + held_back**2)
+        return np.asarray(self.inflation * np.sqrt(var + held_back**2))
+
+    def unfollowed(self, at: Array, field: Array) -> Array:
+        """Return the part (n, d) of the motion at places (n, d) of the reference pose that is not followed,
+        where the field would displace them by (n, d).
+        """
+        return (1.0 - self.probability) * (field - self._shift_alone(at))
 
     def _shift_alone(self, at: Array) -> Array:
         return apply(self.pose_alone, at) - at

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
+from .wall.kept import KeptPosterior
 
 
 class Motion(Protocol):
@@ -47,7 +48,7 @@ class RecordedMotion:
 
     A place beside the surface keeps its offset from the nearest place on it, turned and scaled by the
     similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal, and
-    modes say how deviations go together, where the run kept that.
+    modes say how deviations go together, and `kept` the posterior in space, where the run kept that.
     """
 
     prior: Surface
@@ -55,6 +56,7 @@ class RecordedMotion:
     T_map_prior: Array
     deviation: Array
     modes: WallModes | None = None
+    kept: KeptPosterior | None = None
 
     def __call__(self, points: Array) -> Array:
         at, offset = _carry_points(self._on_prior, self.moved, points)

@@ -29,6 +29,21 @@ class Mixture(NamedTuple):
     outlier_fraction: float
 
 
+class _Level(NamedTuple):
+    """Points have this noise, and this fraction of them are outliers."""
+
+    sigma: float
+    fraction: float
+
+
+class _Bounds(NamedTuple):
+    """These are the bounds of the noise and of the fraction of outliers."""
+
+    least_sigma: float
+    least_fraction: float
+    most_fraction: float
+
+
 def fit_mixture(
     signed: Array,
     radius: float,
@@ -44,17 +59,9 @@ def fit_mixture(
     contact = contact or ContactSettings()
     density = Contact.expected(radius, contact).outlier_density(np.asarray(signed, dtype=np.float64))
     least = settings.least_noise * radius
-    bounds = contact.least_fraction, contact.most_fraction
-    sigma, fraction = _fit_mixture(
-        signed,
-        density,
-        max(robust_sd(signed), least),
-        contact.outlier_fraction,
-        least,
-        bounds,
-        settings.iterations,
-        settings.tolerance,
-    )
+    bounds = _Bounds(least, contact.least_fraction, contact.most_fraction)
+    start = _Level(max(robust_sd(signed), least), contact.outlier_fraction)
+    sigma, fraction = _fit_mixture(signed, density, start, bounds, settings.iterations, settings.tolerance)
     return Mixture(_inlier_probability(signed, density, loosening * sigma, fraction), sigma, fraction)
 
 
@@ -64,8 +71,9 @@ def _inlier_probability(signed: Array, density: Array, sigma: float, fraction: f
 
 
 @njit(cache=True, nogil=True)
-def _fit_mixture(signed, density, sigma, fraction, least, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
+def _fit_mixture(signed, density, start, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
     """Fit noise and outlier fraction until they rest."""
+    sigma, fraction = start
     n = len(signed)
     for _ in range(iterations):
         total = 0.0
@@ -75,9 +83,9 @@ def _fit_mixture(signed, density, sigma, fraction, least, bounds, iterations, to
             weight = inlier / (inlier + fraction * density[i])
             total += weight
             square += weight * signed[i] * signed[i]
-        fraction = min(max(1.0 - total / n, bounds[0]), bounds[1])
+        fraction = min(max(1.0 - total / n, bounds.least_fraction), bounds.most_fraction)
         last = sigma
-        sigma = max(math.sqrt(square / max(total, TINY)), least)
+        sigma = max(math.sqrt(square / max(total, TINY)), bounds.least_sigma)
         if abs(sigma - last) < tolerance * sigma:
             break
-    return sigma, fraction
+    return _Level(sigma, fraction)

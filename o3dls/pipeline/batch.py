@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
 from time import perf_counter
@@ -56,16 +56,34 @@ def run_into(
     return run
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Workers run the cases, each within the limits: `jobs` of this machine at one time, or those of a
+    scheduler of dask, `tcp://host:port`, all of which must see the folders (`local`: a scheduler of our own,
+    with `jobs` workers of this machine). Once `stop` is set they begin no more.
+    """
+
+    jobs: int = 1
+    scheduler: str | None = None
+    limits: Limits = field(default_factory=Limits)
+    stop: Event = field(default_factory=Event)
+
+    def results(
+        self, tasks: Sequence[Task[Outcome]], out: Path
+    ) -> Generator[tuple[Task[Outcome], Outcome | Ended]]:
+        """Do the tasks, and yield each with its result, as they end."""
+        if self.scheduler:
+            return spread(tasks, self.scheduler, self.jobs, self.limits, self.stop, out)
+        return watched(tasks, self.jobs, self.limits, self.stop)
+
+
 def run_cohort(
     study: Sequence[Planned],
     out: Path,
+    workers: Workers | None = None,
     *,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    limits: Limits | None = None,
     force: bool = False,
     table: bool = True,
-    stop: Event | None = None,
     told: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
     """Run every case of a study into `out/<its name>` and write `out/cohort.csv`.
@@ -74,13 +92,11 @@ def run_cohort(
     replaced. A case that fails, or that is ended, does not stop the others, and leaves NAME.failed.json. The
     table is there from the first case on; the page of an earlier batch is removed.
 
-    scheduler: do them on the workers of this scheduler of dask, `tcp://host:port`, all of which must see the
-    folders; `local`: on `jobs` workers of this machine.
+    workers: who does them; by default one process of this machine.
     force: make every case again, and replace the table of other cases too. table: False for a part of a study
-    whose parts share a folder: table and page are left alone. stop: once it is set, no more cases are begun.
-    told: called with each outcome as it comes. Raises InputError before any work where two runs would have
-    one name, or something that is no run, or that is read, would be replaced; and where a scheduler or its
-    workers cannot do it.
+    whose parts share a folder: table and page are left alone. told: called with each outcome as it comes.
+    Raises InputError before any work where two runs would have one name, or something that is no run, or that
+    is read, would be replaced; and where a scheduler or its workers cannot do it.
     """
     _check_names(study, out)
     _check_places(study, out, force)
@@ -93,8 +109,7 @@ def run_cohort(
             (out / PAGE).unlink(missing_ok=True)  # the page reports runs that are replaced now
         since = _time_of_files(out) if force else None
         tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
-        how = limits or Limits(), stop or Event()
-        done = spread(tasks, scheduler, jobs, *how, out) if scheduler else watched(tasks, jobs, *how)
+        done = (workers or Workers()).results(tasks, out)
         found = _gather_outcomes(done, out, len(study), _Written(out) if table else None, told)
         if table and found:
             write_table(out, found.values())

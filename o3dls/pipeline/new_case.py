@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -82,28 +83,36 @@ SHOWN = {
 }
 
 
+@dataclass(frozen=True)
+class Inputs:
+    """These are the files that a new case refers to, which stay where they are; image: a grey image of the
+    prior.
+    """
+
+    prior: Path
+    points: Path
+    prior_landmarks: Path | None = None
+    image: Path | None = None
+
+    @property
+    def given(self) -> dict[str, Path]:
+        """The files that there are, by their key in case.toml."""
+        return {key: path for key, path in vars(self).items() if path}
+
+
 def make_case(
-    folder: str | Path,
-    prior: Path,
-    points: Path,
-    *,
-    landmarks: Path | None = None,
-    image: Path | None = None,
-    out: Path | None = None,
-    force: bool = False,
-    **settings: Any,
+    folder: str | Path, inputs: Inputs, *, out: Path | None = None, force: bool = False, **settings: Any
 ) -> Path:
     """Make a case folder that refers to a prior and to points, with a pipeline file that runs on it; gives
     the path of that file.
 
-    image: a grey image of the prior, which stays where it is. out: the run folder that the pipeline names, by
+    out: the run folder that the pipeline names, by
     default `run` in the folder. settings: units, frame, prior_of, cap, label, part, box, layer, fill_slices,
     form, sidecar as case.toml has them; None: not given.
     Raises InputError for all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
-    more = {"prior_landmarks": landmarks, "image": image}
-    files = {"prior": prior, "points": points} | {role: path for role, path in more.items() if path}
+    files = inputs.given
     check_free(folder, force, "case", list(files.values()))
     for role, path in files.items():
         _check_file(role, path)

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.similarity import scale_of
-from .icp import Alignment, Criteria, align, wall_or_cavity
+from .icp import Alignment, Criteria, Recipe, align, wall_or_cavity
 from .lattice import signed_lattice
 from .match import SurfaceMatcher
 from .metrics import point_to_plane
@@ -74,15 +74,10 @@ def _refine_pose(
 def refined(points: Array, surface: SurfaceMatcher, T_map_prior: Array, *, scale: bool) -> Candidate | None:
     """Refine a pose (d+1, d+1) by ICP; return None where ICP cannot go on from it."""
     try:
-        alignment = align(
-            points,
-            surface,
-            T_map_prior,
-            metric=point_to_plane,
-            belief=wall_or_cavity(surface.radius),
-            freedom=Freedom(scale, 0.1, (0.5, 2.0)),
-            criteria=Criteria(tolerance=1e-3 * surface.radius, iterations=40),
-        )
+        freedom = Freedom(scale, 0.1, (0.5, 2.0))
+        recipe = Recipe(point_to_plane, freedom, belief=wall_or_cavity(surface.radius))
+        criteria = Criteria(tolerance=1e-3 * surface.radius, iterations=40)
+        alignment = align(points, surface, T_map_prior, recipe, criteria)
     except SolverError:
         return None
     return Candidate.of(alignment, surface.radius)

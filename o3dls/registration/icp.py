@@ -52,6 +52,35 @@ def wall_or_cavity(radius: float) -> Belief:
 
 
 @dataclass(frozen=True)
+class Recipe:
+    """A recipe is what an ICP is made of: the metric, the freedom of the pose, the rules that reject pairs,
+    the belief in those that are kept, and the solver of a step.
+    """
+
+    metric: Metric
+    freedom: Freedom
+    rules: tuple[Rule, ...] = ()
+    belief: Belief = equal
+    solve: Solver = best_motion
+
+    def weights(self, factors: Factors, loosening: float) -> Array:
+        """Return the product (n,) of the rules' masks and the beliefs."""
+        pairs = factors.pairs
+        keep = (
+            np.logical_and.reduce([rule(pairs, loosening) for rule in self.rules])
+            if self.rules
+            else np.ones(len(pairs.points), dtype=bool)
+        )
+        if keep.sum() < pairs.points.shape[1]:
+            raise SolverError(
+                f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest "
+                f"{pairs.distances.min():.3g}): "
+                "loosen them, or begin nearer, such as with the stage global_pose"
+            )
+        return keep * self.belief(factors, loosening)
+
+
+@dataclass(frozen=True)
 class Criteria:
     """The criteria say when to stop: at a step (longest motion of a foot) below `tolerance`, or after
     `iterations`; thresholds fall from `coarse`-fold to one-fold over the first `anneal` iterations.
@@ -80,16 +109,7 @@ class Alignment:
 
 
 def align(
-    points: Array,
-    surface: SurfaceMatcher,
-    T_map_prior: Array,
-    *,
-    metric: Metric,
-    rules: tuple[Rule, ...] = (),
-    belief: Belief = equal,
-    freedom: Freedom,
-    criteria: Criteria,
-    solve: Solver = best_motion,
+    points: Array, surface: SurfaceMatcher, T_map_prior: Array, recipe: Recipe, criteria: Criteria
 ) -> Alignment:
     """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be
     made.
@@ -102,9 +122,9 @@ def align(
     share = 1.0
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
-        factors = metric(pairs)
-        weights = _weigh_pairs(factors, rules, belief, loosening)
-        delta = solve(factors, weights, body.at(T_map_prior), freedom, share)
+        factors = recipe.metric(pairs)
+        weights = recipe.weights(factors, loosening)
+        delta = recipe.solve(factors, weights, body.at(T_map_prior), recipe.freedom, share)
         last = moved
         moved = apply(delta, pairs.feet) - pairs.feet
         if not np.isfinite(moved).all():
@@ -118,26 +138,8 @@ def align(
         # a point hops between two walls, and the minimum is the kink between them: take half steps
         if _turns_back(last, moved):
             share *= 0.5
-    return Alignment(
-        T_map_prior, pairs, _weigh_pairs(metric(pairs), rules, belief, 1.0), tuple(trace), converged
-    )
-
-
-def _weigh_pairs(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosening: float) -> Array:
-    """Return the product (n,) of the rules' masks and the beliefs."""
-    pairs = factors.pairs
-    keep = (
-        np.logical_and.reduce([rule(pairs, loosening) for rule in rules])
-        if rules
-        else np.ones(len(pairs.points), dtype=bool)
-    )
-    if keep.sum() < pairs.points.shape[1]:
-        raise SolverError(
-            f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest "
-            f"{pairs.distances.min():.3g}): "
-            "loosen them, or begin nearer, such as with the stage global_pose"
-        )
-    return keep * belief(factors, loosening)
+    weights = recipe.weights(recipe.metric(pairs), 1.0)
+    return Alignment(T_map_prior, pairs, weights, tuple(trace), converged)
 
 
 def _turns_back(last: Array, moved: Array) -> bool:

@@ -4,7 +4,7 @@ triangles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,8 +17,7 @@ NODES = 34  # along the longest side; finer finds no other basins
 MARGIN = 0.5  # beyond the surface's box, in rms radii
 
 
-@dataclass(frozen=True, eq=False)
-class Lattice:
+class Lattice(NamedTuple):
     """A lattice holds signed distances phi (a, b, c), negative inside, at low + spacing * index; in 2D all is
     the same along the third axis.
     """
@@ -55,10 +54,11 @@ def signed_lattice(surface: Surface) -> Lattice:
 
 
 @njit(cache=True)
-def sample(phi, low, spacing, x, y, z):  # type: ignore[no-untyped-def]
+def sample(lattice, x, y, z):  # type: ignore[no-untyped-def]
     """Return the trilinear signed distance and its gradient; outside the lattice the distance to it is
     added.
     """
+    phi, low, spacing = lattice
     u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
     uc = min(max(u, 0.0), phi.shape[0] - 1.000001)
     vc = min(max(v, 0.0), phi.shape[1] - 1.000001)

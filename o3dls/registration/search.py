@@ -8,6 +8,7 @@ still.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,14 @@ WIDTHS = (0.55, 0.15)  # width of the Geman-McClure kernel, from first to last, 
 CANDIDATES = 5  # poses that leave the search
 SCALE_SD = 0.1
 APART = np.radians(20.0)  # poses that differ less are one
+
+
+class _Moving(NamedTuple):
+    """Moving poses have rotations (k, 3, 3), shifts (k, 3) and scales (k,), which change in place."""
+
+    rotations: Array
+    shifts: Array
+    scales: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,40 +122,27 @@ def thinned(points: Array, count: int) -> Array:
 
 def _slide_poses(points: Array, begin: Poses, lattice: Lattice, widths: Array, steps: int) -> Poses:
     """Return the poses after `steps` steps under a kernel that narrows from widths[0] to widths[1]."""
-    moved = begin.rotations.copy(), begin.shifts.copy(), begin.scales.copy()
-    costs = _descend_from_starts(
-        np.ascontiguousarray(points),
-        *moved,
-        lattice.phi,
-        lattice.low,
-        lattice.spacing,
-        widths[0],
-        widths[1],
-        steps,
-        SCALE_SD,
-    )
+    moved = _Moving(begin.rotations.copy(), begin.shifts.copy(), begin.scales.copy())
+    costs = _descend_from_starts(np.ascontiguousarray(points), moved, lattice, widths, steps)
     return Poses(*moved, costs, begin.middle)
 
 
 @njit(cache=True)
-def _descend_from_starts(points, rotations, shifts, scales, phi, low, spacing, wide, narrow, steps, scale_sd):  # type: ignore[no-untyped-def]
+def _descend_from_starts(points, poses, lattice, widths, steps):  # type: ignore[no-untyped-def]
     """Descend by Gauss-Newton with Geman-McClure weights from every start: change the poses in place, return
-    their costs at width `narrow`.
+    their costs at the last of the two widths.
     """
+    rotations, shifts, scales = poses
+    wide, narrow = widths
     costs = np.empty(len(scales))
-    hessian = np.empty((7, 7))
-    gradient = np.empty(7)
-    row = np.empty(7)
     for k in range(len(scales)):
         rotation, shift, scale = rotations[k], shifts[k], scales[k]
         for step in range(steps + 1):
             width = narrow if step >= steps - 3 else wide * (narrow / wide) ** (step / max(1, steps - 3))
-            cost = _normal_equations(
-                points, scale * rotation, shift, phi, low, spacing, width, hessian, gradient, row
-            )
+            cost, hessian, gradient = _normal_equations(points, scale * rotation, shift, lattice, width)
             if step == steps:
                 break
-            precision = (0.5 * narrow / scale_sd) ** 2
+            precision = (0.5 * narrow / SCALE_SD) ** 2
             hessian[6, 6] += precision
             gradient[6] -= precision * np.log(scale)
             for a in range(7):
@@ -164,19 +160,18 @@ def _descend_from_starts(points, rotations, shifts, scales, phi, low, spacing, w
 
 
 @njit(cache=True)
-def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, gradient, row):  # type: ignore[no-untyped-def]
-    """Fill Hessian and descent gradient over (shift, rotation about the points' origin, log scale); return
-    the mean cost.
+def _normal_equations(points, linear, shift, lattice, width):  # type: ignore[no-untyped-def]
+    """Return the mean cost, its Hessian and its descent gradient over (shift, rotation about the points'
+    origin, log scale).
     """
-    hessian[:] = 0.0
-    gradient[:] = 0.0
+    hessian, gradient, row = np.zeros((7, 7)), np.zeros(7), np.empty(7)
     cost = 0.0
     for i in range(len(points)):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         x = linear[0, 0] * px + linear[0, 1] * py + linear[0, 2] * pz
         y = linear[1, 0] * px + linear[1, 1] * py + linear[1, 2] * pz
         z = linear[2, 0] * px + linear[2, 1] * py + linear[2, 2] * pz
-        value, gx, gy, gz = sample(phi, low, spacing, x + shift[0], y + shift[1], z + shift[2])
+        value, gx, gy, gz = sample(lattice, x + shift[0], y + shift[1], z + shift[2])
         ratio = (value / width) ** 2
         weight = 1.0 / (1.0 + ratio) ** 2
         cost += ratio / (1.0 + ratio)
@@ -191,7 +186,7 @@ def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, 
     for a in range(7):
         for b in range(a):
             hessian[b, a] = hessian[a, b]
-    return cost / len(points)
+    return cost / len(points), hessian, gradient
 
 
 @njit(cache=True)

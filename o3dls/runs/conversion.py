@@ -43,6 +43,15 @@ class Mends:
     faces: int | None = None
 
 
+@dataclass(frozen=True)
+class Spaces:
+    """These are said of a conversion: units and frame of the source, and the frame to write in."""
+
+    units: str | None
+    frame: str | None
+    to: str | None
+
+
 def convert(
     source: str | Path,
     target: str | Path,
@@ -108,9 +117,9 @@ def convert(
     ):
         if value is not None and value not in allowed:
             raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
+    said = Spaces(units, frame, to)
     if is_surface(source):
-        mends = Mends(cap, repair, faces)
-        return _convert_surface(source, target, format, units, frame, to, mends, choice)
+        return _convert_surface(source, target, said, format, Mends(cap, repair, faces), choice)
     suffix, pose = source.suffix.lower(), is_transform(source)
     if not pose and (kind := kind_of(read_bytes(source))) and suffix != ".xlsx":
         raise InputError(f"{source}: is {kind}")
@@ -127,36 +136,30 @@ def convert(
             "do not apply to it"
         )
     if not pose and suffix not in MARKUPS:
-        return _convert_points(source, target, units, frame, to, columns)
+        return _convert_points(source, target, said, columns)
     if columns is not None:
         raise InputError(f"{source}: is not a table of points, so columns do not apply to it")
-    return (_convert_transform if pose else _convert_markups)(source, target, units, frame, to)
+    return (_convert_transform if pose else _convert_markups)(source, target, said)
 
 
 def _convert_surface(
-    source: Path,
-    target: Path,
-    format: str | None,
-    units: str | None,
-    frame: str | None,
-    to: str | None,
-    mends: Mends,
-    choice: dict[str, Any],
+    source: Path, target: Path, said: Spaces, format: str | None, mends: Mends, choice: dict[str, Any]
 ) -> list[str]:
-    file = in_millimetres(source, read_surface_file(source, units=units, frame=frame, **choice), units)
+    file = read_surface_file(source, units=said.units, frame=said.frame, **choice)
+    file = in_millimetres(source, file, said.units)
     surface = file.surface
-    space = settle_stated(source, "frame", file.space, frame)
+    space = settle_stated(source, "frame", file.space, said.frame)
     done = [
         f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
         f"{file.units}",
         *(f"{source}: {note}" for note in file.notes),
     ]
-    if to and surface.dimension == 2:
+    if said.to and surface.dimension == 2:
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
-    if to and needs_turn(source, space, to):
+    if said.to and needs_turn(source, space, said.to):
         surface = surface.transformed(TURN)
-    surface, said = joined_soup(surface)
-    done += [f"{source}: {said}"] if said else []
+    surface, joined = joined_soup(surface)
+    done += [f"{source}: {joined}"] if joined else []
     if mends.repair:
         surface, changes = mended(surface, str(source))
         done += [f"{source}: {change}" for change in changes]
@@ -164,7 +167,7 @@ def _convert_surface(
         surface = closed_outward(surface, str(source), cap=True)
     if mends.faces is not None and mends.faces < len(surface.faces):
         surface = decimated(surface, mends.faces)
-    space = to or space
+    space = said.to or space
     losses = write_surface(target, surface, space=space, units=file.units, format=format)
     # DIF is in LPS by definition, and its writer has turned the surface
     space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
@@ -194,15 +197,13 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
     return replace(file, surface=surface, units=scaled_units(stated))
 
 
-def _convert_markups(
-    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
-) -> list[str]:
+def _convert_markups(source: Path, target: Path, said: Spaces) -> list[str]:
     """Write Slicer's named places as Slicer's file or as a table `name,x,y,z`."""
-    if units:
+    if said.units:
         raise InputError(f"{source}: Slicer's markups state their units; omit --units")
-    marks = read_markups(source, frame)
-    settle_stated(source, "frame", marks.space, frame)
-    return _write_places(source, target, marks.in_space(to) if to else marks)
+    marks = read_markups(source, said.frame)
+    settle_stated(source, "frame", marks.space, said.frame)
+    return _write_places(source, target, marks.in_space(said.to) if said.to else marks)
 
 
 def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
@@ -216,24 +217,22 @@ def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
     return [f"{source}: {len(marks.names)} named places", f"{target}: frame {marks.space}, units mm"]
 
 
-def _convert_points(
-    source: Path, target: Path, units: str | None, frame: str | None, to: str | None, meant: str | None
-) -> list[str]:
+def _convert_points(source: Path, target: Path, said: Spaces, meant: str | None) -> list[str]:
     """Convert tables of points or of named places; all columns are kept where the target is a table too."""
     table = read_points_table(source, columns=meant)
     points = points_of(table, 3)
-    said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
-    space = settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
-    stated = settle_units(source, table.notes.get("units", "unknown"), units)
+    done = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
+    space = settle_stated(source, "frame", table.notes.get("space", "unknown"), said.frame)
+    stated = settle_units(source, table.notes.get("units", "unknown"), said.units)
     if stated == "unknown":
         check_scale(source, points.xyz)
     points = scaled(points, MILLIMETRES.get(stated, 1.0))
-    xyz = apply(TURN, points.xyz) if to and needs_turn(source, space, to) else points.xyz
-    space, units = to or space, scaled_units(stated)
+    xyz = apply(TURN, points.xyz) if said.to and needs_turn(source, space, said.to) else points.xyz
+    space, units = said.to or space, scaled_units(stated)
     columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
         write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
-        return [*said, f"{target}: frame {space}, units {units}"]
+        return [*done, f"{target}: frame {space}, units {units}"]
     if target.suffix.lower() != ".json":
         raise InputError(f"{target}: points are written as .csv or .mrk.json")
     if units == "px":
@@ -242,17 +241,15 @@ def _convert_points(
     return _write_places(source, target, Markups(tuple(map(str, names)), xyz, space))
 
 
-def _convert_transform(
-    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
-) -> list[str]:
-    if units:
+def _convert_transform(source: Path, target: Path, said: Spaces) -> list[str]:
+    if said.units:
         raise InputError(f"{source}: a pose moves by mm; omit --units")
     matrix, stated = read_transform(source)
-    space = settle_stated(source, "frame", stated, frame)
-    if to and needs_turn(source, space, to):
+    space = settle_stated(source, "frame", stated, said.frame)
+    if said.to and needs_turn(source, space, said.to):
         matrix = turned(matrix)
-    write_transform(target, matrix, to or space)
-    return [f"{source}: pose {_describe_pose(matrix)}", f"{target}: frame {to or space}"]
+    write_transform(target, matrix, said.to or space)
+    return [f"{source}: pose {_describe_pose(matrix)}", f"{target}: frame {said.to or space}"]
 
 
 def _describe_pose(matrix: Array) -> str:

@@ -20,6 +20,7 @@ from ..io.atomic import write_file
 from ..io.surfaces import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
+from .posterior_file import KEPT, read_posterior, write_posterior
 from .record import EstimateRecord, WarningRecord, plain
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
     moved, deviation = move_prior(case.prior, estimate.motion)
     moved = replace(moved, fields={f"sd_{case.units}": deviation, **_in_wall(case, estimate.motion, moved)})
     write_surface(path, moved, space=case.frame, units=case.units)
+    write_posterior(path.with_name(KEPT), estimate.motion)
     if modes := wall_modes(case.prior, estimate.motion):
         table = np.column_stack([modes.places, modes.modes]).astype(
             np.float32
@@ -133,7 +135,8 @@ def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion
         raise InputError(f"{path}: has other faces than the prior of the run's case; run it again")
     deviation = moved.fields.get(f"sd_{case.units}", np.full(len(moved.vertices), np.nan))
     modes = _read_modes(folder / MODES, len(case.prior.vertices))
-    return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes)
+    kept = read_posterior(folder / KEPT, case.dimension)
+    return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes, kept)
 
 
 def _as_warning(found: WarningRecord) -> RunWarning:

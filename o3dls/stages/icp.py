@@ -49,23 +49,20 @@ class ICP(ICPParameters):
 
     def aligned(self, points: Array, surface: SurfaceMatcher, T_map_prior: Array) -> Alignment:
         """Return the pose of the prior's surface that fits points (n, d), from a start pose (d+1, d+1)."""
-        from ..registration.icp import Criteria, align
+        from ..registration.icp import Criteria, Recipe, align
         from ..registration.step import Freedom
 
         normals = self._point_normals(points)
-        return align(
-            points,
-            surface,
-            T_map_prior,
+        bounds = (self.scale_min, self.scale_max)
+        recipe = Recipe(
             metric=self._choose_metric(normals),
+            freedom=Freedom(self.scale, self.scale_sd, bounds, self.strain_sd, self.freeze),
             rules=tuple(self._choose_rule(name, normals) for name in self.rules),
             belief=self._choose_belief(surface.radius),
             solve=self._choose_solver(normals),
-            freedom=Freedom(
-                self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze
-            ),
-            criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
+        criteria = Criteria(self.tolerance, self.iterations, self.coarse, self.anneal)
+        return align(points, surface, T_map_prior, recipe, criteria)
 
     def _point_normals(self, points: Array) -> Array:
         """Return the normals of the points (n, d) where a part needs them, else none (0, d)."""

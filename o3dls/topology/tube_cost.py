@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from ..arrays import TINY, Array
-from ..geometry.closest_point import nearest_face
+from ..geometry.closest_point import STACK, FaceTree, nearest_face
 from ..noise.likelihood import losses
 from .settings import TubeSettings
 from .wall import Wall
@@ -62,8 +62,9 @@ def _height_over_wall(place, guess, normals, corners, leaves, boxes):  # type: i
     """
     at = np.zeros(3)
     at[: len(place)] = place
-    room = np.empty(128, dtype=np.int64), np.empty(128)
-    face, squared, v, w = nearest_face(at[0], at[1], at[2], guess, np.inf, corners, leaves, boxes, *room)
+    waiting = np.empty(STACK, dtype=np.int64), np.empty(STACK)
+    tree = FaceTree(corners, leaves, boxes)
+    face, squared, v, w = nearest_face((at[0], at[1], at[2]), guess, np.inf, tree, waiting)
     along = 0.0
     weights = (1.0 - v - w, v, w)
     for a in range(len(place)):

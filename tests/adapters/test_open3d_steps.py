@@ -18,7 +18,7 @@ from o3dls.estimate import Estimate
 from o3dls.geometry.similarity import apply, scale_of
 from o3dls.geometry.surface import Surface
 from o3dls.registration import metrics
-from o3dls.registration.icp import Criteria, align
+from o3dls.registration.icp import Criteria, Recipe, align
 from o3dls.registration.match import Pairs, SurfaceMatcher
 from o3dls.registration.normals import point_normals
 from o3dls.registration.step import Body, Freedom, best_motion
@@ -69,29 +69,16 @@ def effect(a: Array, b: Array, points: Array) -> float:
 def test_with_its_estimators_our_loop_is_open3ds_icp_step_for_step(metric: str, steps: int) -> None:
     points = measured(PRIOR, pose(6.0, 5.0), noise=1.0).points.of("eam").xyz
     solve = open3d_solver(metric, "none", None, points[:0], 1.0)
-    ours = align(
-        points,
-        VertexMatcher(PRIOR),
-        np.eye(4),
-        metric=getattr(metrics, metric),
-        freedom=Freedom(),
-        criteria=Criteria(0.0, steps),
-        solve=solve,
-    )
+    recipe = Recipe(getattr(metrics, metric), Freedom(), solve=solve)
+    ours = align(points, VertexMatcher(PRIOR), np.eye(4), recipe, Criteria(0.0, steps))
     assert effect(ours.T_map_prior, legacy(points, PRIOR, steps, metric), points) < AGREE
 
 
 @pytest.mark.parametrize("steps", [1, 2, 5, 30])
 def test_our_rigid_point_to_point_is_open3ds_icp_step_for_step(steps: int) -> None:
     points = measured(PRIOR, pose(6.0, 5.0), noise=1.0).points.of("eam").xyz
-    ours = align(
-        points,
-        VertexMatcher(PRIOR),
-        np.eye(4),
-        metric=metrics.point_to_point,
-        freedom=Freedom(),
-        criteria=Criteria(0.0, steps),
-    )
+    recipe = Recipe(metrics.point_to_point, Freedom())
+    ours = align(points, VertexMatcher(PRIOR), np.eye(4), recipe, Criteria(0.0, steps))
     assert effect(ours.T_map_prior, legacy(points, PRIOR, steps, "point_to_point"), points) < AGREE
 
 

@@ -93,6 +93,8 @@ FOLLOWED = {
     "look at the page in a browser: o3dls view": COMMANDS + "test_where_no_window_opens_a_page_does",
     "o3dls convert PRIOR prior.ply": COMMANDS + "test_a_prior_without_a_frame_gets_one",
     "With o3dls slices RUN --image": STACKS + "test_an_image_that_is_gone_is_said_and_another_is_named",
+    "the image is no longer at {}; name where it is": STACKS
+    + "test_an_image_that_is_gone_is_said_and_another_is_named",
     "has no image of its prior; name one": STACKS + "test_a_run_without_an_image_asks_for_one",
     "an image belongs to a prior; name one": IMAGE + "test_an_import_refers_to_the_image_of_its_prior",
     "lie in the body: orient it first": IMAGE + "test_an_image_that_does_not_say_how_it_lies_is_oriented",

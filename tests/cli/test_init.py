@@ -22,7 +22,7 @@ from o3dls.io.case_writer import write_case
 from o3dls.io.markups import Markups, write_markups
 from o3dls.io.surfaces import write_surface
 from o3dls.pipeline.file import all_mistakes, read_pipeline
-from o3dls.pipeline.new_case import make_case
+from o3dls.pipeline.new_case import Inputs, make_case
 
 DEFAULT = re.compile(r"^# (?=\w+ = )", re.MULTILINE)  # before a default that may be uncommented
 
@@ -215,4 +215,4 @@ def test_a_folder_of_dicom_is_told_what_it_is(tmp_path: Path) -> None:
     (series / "1.dcm").write_bytes(bytes(128) + b"DICM")
     (tmp_path / "points.csv").write_text("x,y,z\n")
     with pytest.raises(InputError, match=r"is a folder of DICOM files.*segment the left atrium first"):
-        make_case(tmp_path / "case", series, tmp_path / "points.csv")
+        make_case(tmp_path / "case", Inputs(series, tmp_path / "points.csv"))

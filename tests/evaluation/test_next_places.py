@@ -14,10 +14,11 @@ from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation import next_places
-from o3dls.evaluation.wall_modes import spread, wall_modes
+from o3dls.evaluation.wall_modes import wall_modes
 from o3dls.geometry.cut_wall import CUT
 from o3dls.geometry.inner_balls import depth_in_tubes, inner_balls
 from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.spread import spread
 from o3dls.motion.recorded import RecordedMotion
 from tests.chamber import chamber, sampled
 from tests.tiny import sphere

@@ -26,7 +26,7 @@ from o3dls.io.mapping.study import read_study
 from o3dls.io.matlab import openep
 from o3dls.io.points import read_points
 from o3dls.io.surfaces import read_surface_file, write_surface
-from o3dls.pipeline.new_case import make_case
+from o3dls.pipeline.new_case import Inputs, make_case
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.quantities import QUANTITIES, WORDS_FOR_NONE, quantity_of
 from o3dls.runs.conversion import convert
@@ -236,7 +236,7 @@ def test_a_run_says_it_and_its_result_has_none(tmp_path: Path) -> None:
 def test_init_and_convert_say_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = sentinel_case(tmp_path)
     with caplog.at_level("INFO", logger="o3dls"):
-        make_case(tmp_path / "new", folder / "prior.ply", folder / "points.csv", units="mm")
+        make_case(tmp_path / "new", Inputs(folder / "prior.ply", folder / "points.csv"), units="mm")
     assert "8 of 24 values of 'bipolar' are -10000" in caplog.text
     done = convert(folder / "points.csv", tmp_path / "out.csv", units="mm")
     assert any("8 of 24 values of 'bipolar' are -10000" in line for line in done)

@@ -16,7 +16,7 @@ from o3dls.motion.field import marginal_likelihood as evidence
 from o3dls.motion.field.covariance import FieldPrior, Observed
 from o3dls.motion.field.gaussian_process import FieldPosterior, Posterior, solve
 from o3dls.motion.field.marginal_likelihood import MarginalLikelihood, Scales, free_energy, tune_noise
-from o3dls.motion.field.observations import Feet, Rows, gather, points_left_out
+from o3dls.motion.field.observations import Data, Feet, Rows, gather, number_patches, points_left_out
 from o3dls.motion.settings import IterationSettings
 
 Objective = Callable[[Array], tuple[float, Array]]
@@ -43,9 +43,16 @@ def rows_of(
         groups=groups,
         relative=rng.uniform(0.7, 1.4, count),
     )
-    return gather(
-        feet, data, np.ones(count) if weights is None else weights, np.zeros((0, dimension)), most, 6.0
-    )
+    return gathered(feet, data, np.ones(count) if weights is None else weights, most, 6.0)
+
+
+def gathered(feet: Feet, data: Data, weights: Array, most: int = 1000, patch: float = 1e-6) -> Rows:
+    """The rows of points without landmarks; above `most`, those of a patch share one."""
+    dimension = feet.at.shape[1]
+    of_point = np.arange(len(weights))
+    if len(weights) > most:
+        of_point = number_patches(feet, data.group, patch, np.eye(dimension + 1))
+    return gather(feet, data, weights, np.zeros((0, dimension)), of_point)
 
 
 def likelihood_of(rows: Rows) -> MarginalLikelihood:
@@ -202,12 +209,11 @@ def test_a_point_that_is_not_believed_leaves_the_free_energy(relative: float) ->
     (at, face, _) = spots(body(3), 40, 5)
     feet = Feet(at, surface.face_normals[face], np.ones(40), np.random.default_rng(1).normal(size=40))
     data = wall(at, relative=np.r_[np.full(10, relative), np.ones(30)])
-    none = np.zeros((0, 3))
     doubted = np.arange(40) < 10
-    rows = gather(feet, data, np.where(doubted, 0.0, 1.0), none, 1000, 6.0)
+    rows = gathered(feet, data, np.where(doubted, 0.0, 1.0))
     posterior = posterior_of(rows)
     kept = Feet(*(getattr(feet, name)[10:] for name in ("at", "normals", "along", "residual")))
-    others = gather(kept, wall(at[10:]), np.ones(30), none, 1000, 6.0)
+    others = gathered(kept, wall(at[10:]), np.ones(30))
     alone = posterior_of(others)
     assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(
         free_energy(alone, LOG[FIELDS:], others), abs=1e-3
@@ -226,18 +232,16 @@ def test_a_point_that_shares_a_row_is_left_out_as_far_as_it_is_believed(belief: 
     residual[::4] = -8.0
     weights[::4] = belief
     prior = FieldPrior(covariance(3), np.exp(LOG[:FIELDS]))
-    none = np.zeros((0, 3))
     noises = np.exp(LOG[FIELDS:])
     feet = Feet(at, normals, np.ones(60), residual)
-    rows = gather(feet, wall(at), weights, none, 10, 1e-6)
+    rows = gathered(feet, wall(at), weights, 10)
     matrix, noise = likelihood_of(rows).covariance(LOG)
-    apart, var = points_left_out(
-        rows, feet, weights, noise, *solve(matrix, rows.residual)[0].left_out(noise), noises, wall(at)
-    )
+    alone = solve(matrix, rows.residual)[0].left_out(noise)
+    apart, var = points_left_out(rows, feet, weights, noise, alone, wall(at).noise(noises))
     for point in (0, 1):
         kept = np.arange(60) != point
         feet_kept = Feet(at[kept], normals[kept], np.ones(59), residual[kept])
-        others = gather(feet_kept, wall(at[kept]), weights[kept], none, 1000, 1e-6)
+        others = gathered(feet_kept, wall(at[kept]), weights[kept])
         posterior = posterior_of(others)
         asked = Observed(at[point : point + 1], normals[point : point + 1], np.ones(1))
         field = FieldPosterior(prior, others.observed, posterior)
@@ -254,10 +258,9 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
     at = np.repeat(at, 4, axis=0)
     normals = np.repeat(surface.face_normals[face], 4, axis=0)
     feet = Feet(at, normals, np.ones(60), np.random.default_rng(3_163).normal(size=60))
-    none = np.zeros((0, 3))
     energies, alphas = [], []
     for most in (1000, 10):
-        rows = gather(feet, wall(at), np.full(60, belief), none, most, 1e-6)
+        rows = gathered(feet, wall(at), np.full(60, belief), most)
         posterior = posterior_of(rows)
         energies.append(free_energy(posterior, LOG[FIELDS:], rows))
         alphas.append(
@@ -313,7 +316,7 @@ def stacked() -> tuple[Array, Feet]:
 
 def test_points_that_share_a_row_flatter_a_motion_as_those_that_do_not() -> None:
     at, feet = stacked()
-    apart, merged = (gather(feet, wall(at), np.ones(60), np.zeros((0, 3)), most, 1e-6) for most in (1000, 10))
+    apart, merged = (gathered(feet, wall(at), np.ones(60), most) for most in (1000, 10))
     assert len(merged.residual) == 15
     found = [likelihood_of(rows).laplace(scales()) for rows in (apart, merged)]
     assert found[0] == pytest.approx(found[1], abs=1e-6)
@@ -322,14 +325,14 @@ def test_points_that_share_a_row_flatter_a_motion_as_those_that_do_not() -> None
 def test_points_of_two_groups_share_no_row() -> None:
     at, feet = stacked()
     group = np.arange(60) % 2
-    rows = gather(feet, wall(at, group=group, groups=2), np.ones(60), np.zeros((0, 3)), 10, 6.0)
+    rows = gathered(feet, wall(at, group=group, groups=2), np.ones(60), 10, 6.0)
     np.testing.assert_array_equal(rows.group[rows.of_point], group)
 
 
 def test_the_two_sides_of_a_thin_wall_share_no_row() -> None:
     at, feet = stacked()
     both = replace(feet, normals=feet.normals * np.where(np.arange(60) % 2, 1.0, -1.0)[:, None])
-    rows = gather(both, wall(at), np.ones(60), np.zeros((0, 3)), 10, 1e-6)
+    rows = gathered(both, wall(at), np.ones(60), 10)
     assert np.linalg.norm(rows.observed.directions, axis=1).min() > 0.9
 
 

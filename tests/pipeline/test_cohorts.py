@@ -32,7 +32,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.io.case_writer import write_case
-from o3dls.pipeline.batch import run_cohort
+from o3dls.pipeline.batch import Workers, run_cohort
 from o3dls.pipeline.outcome import Outcome, gathered, write_table
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.pipeline.study import planned, read_study, shard
@@ -193,8 +193,8 @@ def test_processes_that_are_killed_at_random_lose_no_case_and_change_no_number(
     killer = Thread(target=killed, args=(stop, told, dead))
     killer.start()
     try:
-        how: Any = {"scheduler": scheduler, "limits": Limits(retries=100), "told": told.append}
-        run_cohort(planned(folders, QUICK), tmp_path / "runs", jobs=2, **how)
+        workers = Workers(2, scheduler, Limits(retries=100))
+        run_cohort(planned(folders, QUICK), tmp_path / "runs", workers, told=told.append)
     finally:
         stop.set()
         killer.join()
@@ -208,21 +208,22 @@ def test_a_process_that_dies_once_is_replaced_and_the_dead_are_counted(tmp_path:
     folders = cases(tmp_path / "cases", one=60, few=30)
     (tmp_path / "marks").mkdir()
     pipeline = Pipeline([Mortal(marks=str(tmp_path / "marks"))], folds=0)
-    outcomes = run_cohort(planned(folders, pipeline), tmp_path / "runs", limits=Limits(retries=0))
+    workers = Workers(limits=Limits(retries=0))
+    outcomes = run_cohort(planned(folders, pipeline), tmp_path / "runs", workers)
     # `few` died in a process that had done `one`, which may be to blame
     assert [outcome.error for outcome in outcomes] == [None, None]
     (tmp_path / "marks/few").unlink()
-    outcomes = run_cohort(planned(folders[1:], pipeline), tmp_path / "again", limits=Limits(retries=0))
+    outcomes = run_cohort(planned(folders[1:], pipeline), tmp_path / "again", workers)
     assert outcomes[0].error == "its process was killed from outside, once; is there too little memory?"
 
 
 BATCH = """
 import sys
 from pathlib import Path
-from test_cohorts import QUICK, planned, run_cohort
+from test_cohorts import QUICK, Workers, planned, run_cohort
 if __name__ == "__main__":
     folders = sorted(Path(sys.argv[2]).iterdir())
-    run_cohort(planned(folders, QUICK), Path(sys.argv[1]), jobs=2, scheduler=sys.argv[3] or None)
+    run_cohort(planned(folders, QUICK), Path(sys.argv[1]), Workers(2, sys.argv[3] or None))
 """
 
 
@@ -302,9 +303,9 @@ def test_a_case_is_done_only_by_a_whole_run_of_the_same_files_pipeline_and_versi
     assert _Task(planned([folder], plan)[0], out, since, tmp_path)().skipped
 
 
-def timed(tasks: Any, out: Path, limits: Limits, **how: Any) -> Iterator[tuple[Outcome, float]]:
+def timed(tasks: Any, out: Path, workers: Workers) -> Iterator[tuple[Outcome, float]]:
     ends: list[tuple[Outcome, float]] = []
-    run_cohort(tasks, out, limits=limits, told=lambda one: ends.append((one, time.monotonic())), **how)
+    run_cohort(tasks, out, workers, told=lambda one: ends.append((one, time.monotonic())))
     return iter(ends)
 
 
@@ -312,7 +313,7 @@ def test_a_case_beyond_its_time_is_ended_and_leaves_nothing_half_written(tmp_pat
     limit = 12.0  # far more than a quick case takes, also on a busy machine
     folders = cases(tmp_path / "cases", one=60, few=30, two=60)
     study = planned(folders, Pipeline([Nudge()], [SlowNote()], folds=0))
-    ended = timed(study, tmp_path / "runs", Limits(seconds=limit))
+    ended = timed(study, tmp_path / "runs", Workers(limits=Limits(seconds=limit)))
     (one, before), (few, after), (two, _) = ended
     assert (one.error, two.error) == (None, None)
     assert few.error == "took more than 12 s and was stopped (--timeout)"
@@ -327,7 +328,7 @@ def test_a_case_beyond_its_memory_is_ended(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     folders = cases(tmp_path / "cases", few=30, one=60)
     study = planned(folders, Pipeline([Heavy(mark=str(mark))], folds=0))
-    (few, ended), (one, _) = timed(study, tmp_path / "runs", Limits(120.0, MEMORY))
+    (few, ended), (one, _) = timed(study, tmp_path / "runs", Workers(limits=Limits(120.0, MEMORY)))
     assert few.error == "took more than 900 MB of memory and was stopped (--memory)"
     assert one.error is None
     assert 0.0 < ended - float(mark.read_text()) < ENDED
@@ -359,8 +360,9 @@ def test_a_failure_is_forgotten_once_there_is_a_run(tmp_path: Path) -> None:
 
 def test_once_told_to_stop_what_runs_ends_and_nothing_more_is_begun(tmp_path: Path) -> None:
     folders = cases(tmp_path / "cases", one=60, two=60, three=60)
-    stop = Event()
-    outcomes = run_cohort(planned(folders, QUICK), tmp_path / "runs", stop=stop, told=lambda _: stop.set())
+    workers = Workers()
+    out = tmp_path / "runs"
+    outcomes = run_cohort(planned(folders, QUICK), out, workers, told=lambda _: workers.stop.set())
     assert [one.case for one in outcomes] == ["one"]
     assert set(errors(tmp_path / "runs")) == {"one"}
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread, Timer
+from threading import Thread, Timer
 from typing import Any
 
 import pytest
@@ -24,7 +24,7 @@ from tiny import Nudge, disc_case
 from o3dls.errors import InputError
 from o3dls.io.case_writer import write_case
 from o3dls.io.documents import read_json
-from o3dls.pipeline.batch import run_cohort
+from o3dls.pipeline.batch import Workers, run_cohort
 from o3dls.pipeline.on_worker import Order, done_here, ordered
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.pipeline.scheduler import client_of
@@ -100,7 +100,7 @@ def test_what_a_lost_worker_and_its_process_left_is_removed(tmp_path: Path) -> N
     """Both are killed where a queue takes the machine away: who does the case then cleans up."""
     folders = cases(tmp_path / "cases", batch=60)
     (tmp_path / "runs/.batch.partial-1f-lost/half").mkdir(parents=True)
-    (outcome,) = run_cohort(planned(folders, QUICK), tmp_path / "runs", scheduler="local")
+    (outcome,) = run_cohort(planned(folders, QUICK), tmp_path / "runs", Workers(scheduler="local"))
     assert outcome.error is None
     whole(tmp_path / "runs")
 
@@ -111,9 +111,10 @@ def test_a_lost_scheduler_ends_the_batch_with_a_sentence_and_what_is_done_is_kep
     folders = cases(tmp_path / "cases", one=60, few=30)
     study = planned(folders, Pipeline([Nudge()], [SlowNote()], folds=0))
     only = worker(scheduler[0])
+    workers = Workers(scheduler=scheduler[0])
     try:
         with pytest.raises(InputError, match=r"scheduler was lost.*what is done is kept"):
-            run_cohort(study, tmp_path / "runs", scheduler=scheduler[0], told=lambda _: ended(scheduler[1]))
+            run_cohort(study, tmp_path / "runs", workers, told=lambda _: ended(scheduler[1]))
     finally:
         only.terminate()
         only.wait()
@@ -129,10 +130,10 @@ def test_without_workers_the_batch_says_so_and_can_be_stopped(
 ) -> None:
     monkeypatch.setattr("o3dls.pipeline.scheduler.QUIET", 0.5)
     study = planned(cases(tmp_path / "cases", one=60, two=60), QUICK)
-    stop = Event()
-    Timer(3.0, stop.set).start()
+    workers = Workers(scheduler=scheduler[0])
+    Timer(3.0, workers.stop.set).start()
     with caplog.at_level(logging.INFO, "o3dls"):
-        assert run_cohort(study, tmp_path / "runs", scheduler=scheduler[0], stop=stop) == []
+        assert run_cohort(study, tmp_path / "runs", workers) == []
     assert "the scheduler has no worker: 2 cases wait for one" in caplog.messages
     assert "stopping: what runs ends, and no more is begun; once more ends it at once" in caplog.messages
     whole(tmp_path / "runs")
@@ -142,7 +143,8 @@ def test_a_case_on_a_worker_has_its_limit_of_time(tmp_path: Path) -> None:
     limit = 20.0  # far more than a quick case takes, also on a busy machine
     folders = cases(tmp_path / "cases", one=60, few=30)
     study = planned(folders, Pipeline([Nudge()], [SlowNote()], folds=0))
-    (one, before), (few, after) = timed(study, tmp_path / "runs", Limits(seconds=limit), scheduler="local")
+    workers = Workers(scheduler="local", limits=Limits(seconds=limit))
+    (one, before), (few, after) = timed(study, tmp_path / "runs", workers)
     assert one.error is None
     assert few.error == "took more than 20 s and was stopped (--timeout)"
     assert after - before < limit + ENDED
@@ -154,7 +156,7 @@ def test_a_case_on_a_worker_has_its_limit_of_memory(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     study = planned(folders, Pipeline([Heavy(mark=str(mark))], folds=0))
     limits = Limits(120.0, MEMORY)
-    (one, _), (few, ended) = timed(study, tmp_path / "runs", limits, scheduler="local")
+    (one, _), (few, ended) = timed(study, tmp_path / "runs", Workers(scheduler="local", limits=limits))
     assert one.error is None
     assert few.error == "took more than 900 MB of memory and was stopped (--memory)"
     assert 0.0 < ended - float(mark.read_text()) < ENDED
@@ -177,14 +179,14 @@ def test_where_no_scheduler_answers_it_is_said_within_seconds(says: bytes | None
             Thread(target=said, args=(other, says)).start()
         began = time.monotonic()
         with pytest.raises(InputError, match=f"no scheduler answers at {address}.*`dask scheduler`"):
-            run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", scheduler=address)
+            run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", Workers(scheduler=address))
     assert time.monotonic() - began < 20.0  # it has 5 seconds; a busy machine takes some more
     assert not list((tmp_path / "runs").glob("*"))
 
 
 def test_what_is_no_address_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'lokal': must be local, or the address of a scheduler"):
-        run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", scheduler="lokal")
+        run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", Workers(scheduler="lokal"))
 
 
 def test_a_scheduler_is_begun_and_has_its_own_workers(
@@ -216,7 +218,7 @@ def test_a_scheduler_is_begun_and_has_its_own_workers(
 def test_without_dask_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"not installed: pip install 'o3dls\[cluster\]'"):
-        run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", scheduler="local")
+        run_cohort(planned(cases(tmp_path, one=60), QUICK), tmp_path / "runs", Workers(scheduler="local"))
 
 
 def test_a_machine_that_does_not_see_the_folders_or_has_another_version_says_so(tmp_path: Path) -> None:
@@ -235,7 +237,7 @@ def test_a_worker_that_cannot_do_the_cases_is_named_at_once(
     with monkeypatch.context() as other:
         other.setattr("o3dls.pipeline.on_worker.version_of", lambda _: "0.0.1")
         with pytest.raises(InputError, match=r"worker tcp://127.0.0.1:\d+: has o3dls .* and this is 0.0.1"):
-            run_cohort(study, tmp_path / "runs", scheduler="local")
+            run_cohort(study, tmp_path / "runs", Workers(scheduler="local"))
     # one that joins later hears of it with its first case
     with client_of("local", 1) as client:
         lost = Order(tmp_path / "none/order", None)

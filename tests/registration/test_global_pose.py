@@ -182,11 +182,11 @@ def test_the_lattice_holds_the_signed_distance() -> None:
     lattice = signed_lattice(sphere(20.0, 40))
     rng = np.random.default_rng(9_463)
     for point in rng.uniform(-25.0, 25.0, (40, 3)):
-        value, *gradient = sample(lattice.phi, lattice.low, lattice.spacing, *point)
+        value, *gradient = sample(lattice, *point)
         assert value == pytest.approx(np.linalg.norm(point) - 20.0, abs=0.5)
         if np.linalg.norm(point) > 5.0:
             assert gradient @ point / np.linalg.norm(point) == pytest.approx(1.0, abs=0.1)
-    far, *_ = sample(lattice.phi, lattice.low, lattice.spacing, 100.0, 0.0, 0.0)
+    far, *_ = sample(lattice, 100.0, 0.0, 0.0)
     assert far == pytest.approx(80.0, abs=2.0)
 
 

@@ -18,7 +18,7 @@ from o3dls.geometry.twist import Twist, rotation, strains
 from o3dls.noise.mixture import fit_mixture
 from o3dls.noise.robust import EFFICIENT_95, KERNELS, kernel_weights, robust_sd
 from o3dls.registration import metrics, reject
-from o3dls.registration.icp import Criteria, align
+from o3dls.registration.icp import Criteria, Recipe, align
 from o3dls.registration.match import Pairs, SurfaceMatcher
 from o3dls.registration.normals import point_normals
 from o3dls.registration.observability import spectrum
@@ -113,14 +113,8 @@ def test_a_pose_is_not_pulled_by_a_strain_that_it_may_assume(prior: Surface) -> 
     body = Body.of(prior.vertices)
     ends = []
     for freedom in (Freedom(scale=True), Freedom(scale=True, strain_sd=0.05)):
-        found = align(
-            seen,
-            SurfaceMatcher(prior),
-            np.eye(d + 1),
-            metric=metrics.point_to_plane,
-            freedom=freedom,
-            criteria=Criteria(),
-        )
+        recipe = Recipe(metrics.point_to_plane, freedom)
+        found = align(seen, SurfaceMatcher(prior), np.eye(d + 1), recipe, Criteria())
         ends.append(farthest_effect(found.T_map_prior, np.eye(d + 1), prior))
     assert body.strained(prior.vertices).shape[2] == len(body.strains)
     assert ends[1] < 0.5 * ends[0]

@@ -5,6 +5,7 @@ node.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -24,11 +25,13 @@ from o3dls.io.images.volumes import write_volume
 from o3dls.io.scenes.mrml import Scene
 from o3dls.quantities import VOLTAGES
 from o3dls.runs.export.finished import export_run
-from o3dls.runs.export.scene import _add_image
+from o3dls.runs.export.scene import _add_image, _add_points
 from o3dls.runs.export.writer import Export
 from tests.oblique_motion import AFFINE, NAMES, Smooth, chamber, image, oblique_case, oblique_run, turn_of
 from tests.slicer import in_slicer, slicer_python
 
+# as the module in tools/slicer reads the values of a point
+DESCRIBED = re.compile(r"(Bipolar|Unipolar|LAT) (-?[\d.]+(?:e[+-]?\d+)?)")
 RAS = np.array([-1.0, -1.0, 1.0])
 INVERSE = 0.06  # mm: Slicer's own inverse of a field with nodes 1 mm apart, and vertices between its places
 Nodes = dict[str, dict[str, Any]]
@@ -103,6 +106,22 @@ def test_slicer_opens_every_node_where_it_belongs(prior_frame: str, frame: str, 
         in_lps(sites["points"]), apply(turn_of(frame), case.points.of("ablation").xyz), atol=1e-6
     )
     assert (sites["parent"], there["parent"]) == ("map onto image", "map onto image")
+    clicked = nodes["points as markups"]
+    np.testing.assert_allclose(clicked["points"], nodes["points"]["points"], atol=1e-6)
+    assert [float(dict(DESCRIBED.findall(said))["Bipolar"]) for said in clicked["said"]] == pytest.approx(
+        measured.numbers("bipolar").tolist(), rel=1e-4
+    )
+    assert clicked["labels"][:2] == ["1", "2"]
+    flags = {
+        name: tuple(nodes[name][key] for key in ("shown", "named", "locked"))
+        for name in ("points as markups", "ablation sites", "landmarks of the map", "landmarks of the prior")
+    }
+    assert flags == {
+        "points as markups": (False, False, True),
+        "ablation sites": (True, False, True),
+        "landmarks of the map": (True, True, False),
+        "landmarks of the prior": (True, True, False),
+    }
     here = nodes["landmarks of the prior"]
     assert here["parent"] is None
     assert here["labels"] == there["labels"] == list(NAMES)
@@ -118,6 +137,28 @@ def test_slicer_opens_every_node_where_it_belongs(prior_frame: str, frame: str, 
     assert volume["shape"] == list(voxels.values.shape[::-1])
     assert volume["sum"] == pytest.approx(float(voxels.values.sum()), rel=1e-4)
     assert volume["parent"] is None
+
+
+def test_what_slicer_cannot_move_as_markups_is_a_cloud(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = oblique_case().points
+    counts = {kind: len(points.of(kind)) for kind in ("eam", "inside", "ablation", "landmark")}
+    measured = counts["eam"] + counts["inside"]
+    assert 0 < counts["landmark"] < counts["ablation"] < measured
+
+    def names(most: int) -> list[tuple[str, str]]:
+        monkeypatch.setattr("o3dls.runs.export.scene.MOST_MARKUPS", most)
+        scene = Scene(tmp_path / str(most))
+        scene.folder.mkdir()
+        _add_points(scene, points, np.eye(4), None, "")
+        return [(node.split("Node")[0], one["name"]) for node, one in scene.nodes.items()]
+
+    model, marks = "vtkMRMLModel", "vtkMRMLMarkupsFiducial"
+    few = [(marks, "ablation sites"), (marks, "landmarks of the map")]
+    assert names(measured) == [(model, "points"), (marks, "points as markups"), *few]
+    assert names(measured - 1) == [(model, "points"), *few]
+    assert names(counts["ablation"] - 1) == [(model, "points"), (model, "ablation sites"), few[1]]
 
 
 def test_a_bundle_is_whole_and_the_same_each_time(tmp_path: Path) -> None:

@@ -20,16 +20,11 @@ from ..images.sidecar import check_agreed
 from ..images.voxels import Image, count
 from ..kinds import kind_of
 from ..text import read_bytes, read_head
-from .overlap import check_size, settle_frame
+from .overlap import check_size, settle_frame, share_inside
 from .series import read_series
 
 HEAD = 1_000_000  # bytes that are looked at for a header
-INSIDE, OUTSIDE = (
-    0.95,
-    0.5,
-)  # shares of a prior inside an image: of the frame that is right, and of the wrong one
-LARGEST_BODY = 2500.0  # mm, along an axis
-FACTORS = {"m": 1000.0, "cm": 10.0, "um": 0.001}
+WHOLE_PRIOR = 0.999  # share of its vertices: of fewer it is said
 TAKES = "must be NIfTI, NRRD, MetaImage, or a folder with a DICOM series"
 
 
@@ -100,6 +95,13 @@ class GreyImage:
     def spacing(self) -> Array:
         """Distances (3,) of the voxels along i, j, k."""
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
+
+    def gap(self, vertices: Array) -> str | None:
+        """Return a sentence on how little of a prior the image holds; None where it holds all of it."""
+        share = share_inside(self.affine, self.volume.shape, vertices)
+        if share >= WHOLE_PRIOR:
+            return None
+        return f"holds {share:.0%} of the prior's vertices: what lies outside of it has no values"
 
     def around(self, points: Array, margin: float = 0.0) -> Part:
         """Read the part around points (n, 3), with a margin in mm. Raises InputError where it cannot be read,

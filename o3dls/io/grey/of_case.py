@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from ..case_settings import Folder
 from ..meshes.surface_file import SurfaceFile
 from .image import GreyImage, image_hash, open_image
 
+log = logging.getLogger("o3dls")
 LABELS = "labels"  # what an image `shows` that is the label volume of the prior
 
 
@@ -37,11 +39,12 @@ def with_image(case: Case) -> Case:
     if not case.image:
         return case
     try:
-        open_case_image(case)
+        image = open_case_image(case)
     except InputError:
         if case.image.get("shows") == LABELS:
             return replace(case, image={})
         raise
+    log_gap(image, case)
     return replace(case, image={**case.image, "sha256": image_hash(Path(case.image["path"]))})
 
 
@@ -58,8 +61,16 @@ def open_kept_image(case: Case) -> GreyImage:
     more, or was changed.
     """
     path = Path(case.image["path"])
+    if not path.exists() and "sha256" not in case.image:
+        raise InputError(f"{path}: no such file or folder")
     if not path.exists():
         raise InputError(f"the image is no longer at {path}")
     if case.image.get("sha256") not in (None, image_hash(path)):
         raise InputError(f"the image {path} was changed since the run")
     return open_case_image(case, whole=False)
+
+
+def log_gap(image: GreyImage, case: Case) -> None:
+    """Warn of an image that does not hold all of the prior."""
+    if gap := image.gap(case.prior.vertices):
+        log.warning("%s: %s", image.path, gap)

@@ -67,8 +67,13 @@ def _share_inside(volume: Volume, vertices: Array, turn: Array, factor: float = 
     as long.
     """
     affine = np.diag([factor, factor, factor, 1.0]) @ turn @ volume.affine
+    return share_inside(affine, volume.shape, vertices)
+
+
+def share_inside(affine: Array, shape: tuple[int, int, int], vertices: Array) -> float:
+    """Return the share of vertices (n, 3) inside voxels (i, j, k) whose affine takes an index to mm."""
     index = apply(inverse(affine), vertices)
-    inside = ((index >= -0.5) & (index <= np.array(volume.shape) - 0.5)).all(axis=1)
+    inside = ((index >= -0.5) & (index <= np.array(shape) - 0.5)).all(axis=1)
     return float(inside.mean())
 
 

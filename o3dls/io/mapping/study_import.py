@@ -118,7 +118,7 @@ def import_study(
             )
         settings = {"name": found.name, "frame": found.space, "prior_of": prior_of or "patient"}
         if image is not None:
-            settings["image"] = _check_image(folder, Path(image), Path(out), space)
+            settings["image"] = _check_image(folder, Path(image), Path(out), space, found)
             found.took.append(f"image {image}, which stays where it is")
         settings["notes"] = f"imported from {found.vendor}"
         write_file(folder / "case.toml", toml_lines(settings))
@@ -205,13 +205,13 @@ def _write_prior(
     return space
 
 
-def _check_image(folder: Path, image: Path, out: Path, space: str) -> str:
-    """Return the path of an image as seen from the case. Raises InputError where it is none, or the prior in
-    the folder does not lie in it.
-    """
+def _check_image(folder: Path, image: Path, out: Path, space: str, found: Imported) -> str:
+    """Return an image's path as seen from the case. Raises InputError where the prior does not lie in it."""
     if not (folder / "prior.ply").is_file():
         raise InputError(f"--image {image}: an image belongs to a prior; name one with --prior")
-    open_image(image, read_surface(folder / "prior.ply").vertices, space)
+    vertices = read_surface(folder / "prior.ply").vertices
+    if gap := open_image(image, vertices, space).gap(vertices):
+        found.notes.append(f"{image}: {gap}")
     return seen_from(image, out)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
             fields |= {
                 column: values[:, k] for k, column in enumerate(columns) if np.isfinite(values[:, k]).any()
             }
-    return SurfaceFile.of(path, vertices, triangles - 1, fields, units="mm")
+    return replace(SurfaceFile.of(path, vertices, triangles - 1, fields), units="mm")
 
 
 def shell_class(path: Path, data: bytes) -> str | None:

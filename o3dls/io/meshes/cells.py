@@ -83,13 +83,13 @@ def surface_of(
     cells: Cells,
     fields: Mapping[str, NDArray[Any]],
     cell_data: Mapping[str, NDArray[Any]],
-    **facts: Any,
+    header: str = "",
 ) -> SurfaceFile:
     """Return the surface that cells bound or are, with point data and with cell data carried to the points;
     text among them is left out.
 
     Where there are solids it is their boundary: the faces that one of them has alone. Raises InputError for
-    kinds of cells that are not read, and as `SurfaceFile.of`, which takes the facts.
+    kinds of cells that are not read, and as `SurfaceFile.of`, which takes the header text.
     """
     known = (*POINTS_AND_LINES, STRIP, *POLYGONS, *SOLIDS)
     if unknown := set(cells.types.tolist()) - set(known):
@@ -106,7 +106,7 @@ def surface_of(
     notes = [*_describe_cells(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
     on_points = {name: values for name, values in fields.items() if values.dtype.kind != TEXT}
     on_faces = {name: values[rows] for name, values in cell_data.items() if values.dtype.kind != TEXT}
-    file = SurfaceFile.of(path, vertices, triangles, on_points, cells=on_faces, notes=notes, **facts)
+    file = SurfaceFile.of(path, vertices, triangles, on_points, cells=on_faces, header=header).noted(notes)
     return replace(file, surface=file.surface.without_unused()) if solid else file
 
 

@@ -5,6 +5,7 @@ counted from 1.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -96,15 +97,8 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
         "labels": {k: v for k, v in labels.items() if len(v) == 3},
         "version": root.findtext("DIFHeader/Version", ""),
     }
-    return SurfaceFile.of(
-        path,
-        vertices,
-        polygons - 1,
-        _read_fields(volume, len(vertices), where),
-        space="LPS",
-        units="mm",
-        metadata=facts,
-    )
+    file = SurfaceFile.of(path, vertices, polygons - 1, _read_fields(volume, len(vertices), where))
+    return replace(file, space="LPS", units="mm", metadata=facts)
 
 
 def parse_xml(path: Path, data: bytes) -> ElementTree.Element:

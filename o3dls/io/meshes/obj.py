@@ -53,7 +53,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
             raise InputError(
                 f"{path}: its header states {stated[1]} {what}, there are {found}: the file is truncated"
             )
-    return SurfaceFile.of(path, vertices, triangles, header=header, notes=notes)
+    return SurfaceFile.of(path, vertices, triangles, header=header).noted(notes)
 
 
 def _name_unknown(path: Path, lines: list[str]) -> list[str]:

@@ -52,7 +52,7 @@ def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
     fields = _apply_masks({name: _read_values(dat, n) for name, dat in _field_paths(path).items()})
     tags = _read_tags(elements, rows)
-    file = SurfaceFile.of(elements, vertices, faces, fields, cells=tags, units=units or "mm")
+    file = replace(SurfaceFile.of(elements, vertices, faces, fields, cells=tags), units=units or "mm")
     _check_units(points, file.surface, units)
     return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
 

@@ -51,9 +51,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     fields, notes = _gather_columns(named["vertex"], tables["vertex"])
     values, more = _gather_columns(named["face"], tables["face"])
     cells = {name: array[rows[owner]] for name, array in values.items()}
-    return SurfaceFile.of(
-        path, vertices, triangles, fields, cells=cells, header=comments, notes=[*notes, *more]
-    )
+    file = SurfaceFile.of(path, vertices, triangles, fields, cells=cells, header=comments)
+    return file.noted([*notes, *more])
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:

@@ -74,7 +74,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     else:
         corners, header = _read_ascii(path, data)
     faces = np.arange(len(corners)).reshape(-1, 3)
-    file = SurfaceFile.of(path, corners, faces, header=header, notes=notes)
+    file = SurfaceFile.of(path, corners, faces, header=header).noted(notes)
     return replace(file, surface=welded(file.surface))
 
 

@@ -49,20 +49,13 @@ class SurfaceFile:
         *,
         cells: Mapping[str, NDArray[Any]] | None = None,
         header: str = "",
-        space: str | None = None,
-        units: str | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        notes: Iterable[str] = (),
     ) -> SurfaceFile:
-        """Return a checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header
-        text. `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
+        """Return a checked surface; frame and units come from `SPACE=` and `UNITS=` in the header text.
+        `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
 
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
         stated = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
-        space = space or stated.get("SPACE", "unknown")
-        units = units or stated.get("UNITS", "unknown").lower()
-        spaces = {known.lower(): known for known in SPACES}
         if len(vertices) == 0 or len(faces) == 0:
             raise InputError(
                 f"{path}: holds {len(vertices)} vertices and {len(faces)} triangles; a surface needs both"
@@ -81,11 +74,19 @@ class SurfaceFile:
         surface, said = _carry_cells(surface, {name: values[whole] for name, values in cells.items()})
         return cls(
             surface,
-            spaces.get(space.lower(), "unknown"),
-            units,
-            metadata or {},
-            (*notes, *none, *of_cells, *said),
+            known_space(stated.get("SPACE", "unknown")),
+            stated.get("UNITS", "unknown").lower(),
+            notes=(*none, *of_cells, *said),
         )
+
+    def noted(self, notes: Iterable[str]) -> SurfaceFile:
+        """Return this file with further notes before its own."""
+        return replace(self, notes=(*notes, *self.notes))
+
+
+def known_space(stated: str) -> str:
+    """Return the frame that a file states in capitals or not; 'unknown' where it is none that is known."""
+    return {known.lower(): known for known in SPACES}.get(stated.lower(), "unknown")
 
 
 def _carry_cells(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:

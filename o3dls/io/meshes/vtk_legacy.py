@@ -35,7 +35,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     carried to the points. Raises InputError naming the place.
     """
     vertices, cells, on_points, on_cells, title = parse(path, data)
-    return surface_of(path, vertices, cells, on_points, on_cells, header=title, metadata={"title": title})
+    file = surface_of(path, vertices, cells, on_points, on_cells, title)
+    return replace(file, metadata={"title": title})
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:

@@ -20,7 +20,7 @@ from ...errors import InputError
 from ..text import integers
 from .cells import POLYGON, STRIP, TEXT, Cells, surface_of
 from .cloud import Cloud
-from .surface_file import NOTICE, SurfaceFile
+from .surface_file import NOTICE, SurfaceFile, known_space
 from .vtp_arrays import TYPES, Arrays, open_xml
 
 Fields = dict[str, NDArray[Any]]
@@ -38,8 +38,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     data are carried to the points. Raises InputError naming the array that does not fit.
     """
     vertices, cells, on_points, on_cells, notes = parse(path, data)
-    space, units = notes["SPACE"], notes["UNITS"]
-    return surface_of(path, vertices, cells, on_points, on_cells, space=space, units=units)
+    file = surface_of(path, vertices, cells, on_points, on_cells)
+    return replace(file, space=known_space(notes["SPACE"] or "unknown"), units=notes["UNITS"] or "unknown")
 
 
 def read_cloud(path: Path, data: bytes) -> Cloud:

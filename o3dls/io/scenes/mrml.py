@@ -39,6 +39,15 @@ class Look:
     points: bool = False
 
 
+@dataclass(frozen=True)
+class Marks:
+    """Marks say how places are shown: `many` without their names, and locked, as a mouse would move one."""
+
+    colour: Colour
+    many: bool = False
+    shown: bool = True
+
+
 @dataclass(eq=False)
 class Scene:
     """A scene has nodes, and a folder with the files that they are read from, which becomes a bundle. Each
@@ -90,12 +99,20 @@ class Scene:
         display = self._add("ModelDisplay", f"{name} display", shown, {})
         return self._add("Model", name, {}, {"display": display, "storage": storage, "transform": under})
 
-    def add_markups(self, name: str, marks: Markups, colour: Colour, under: str = "") -> str:
-        """Add named places."""
-        write_markups(self._path(f"{name}.mrk.json"), marks)
+    def add_markups(
+        self, name: str, marks: Markups, look: Marks, descriptions: Sequence[str] = (), under: str = ""
+    ) -> str:
+        """Add named places, with what is said of each."""
+        write_markups(self._path(f"{name}.mrk.json"), marks, descriptions, locked=look.many)
         storage = self._store("MarkupsJson", f"{name}.mrk.json")
-        text = " ".join(f"{c:g}" for c in colour)
-        shown = {"color": text, "selectedColor": text, "visibility": "true", "glyphScale": "2"}
+        text = " ".join(f"{c:g}" for c in look.colour)
+        shown = {
+            "color": text,
+            "selectedColor": text,
+            "visibility": "true" if look.shown else "false",
+            "pointLabelsVisibility": "false" if look.many else "true",
+            "glyphScale": "1.5" if look.many else "2",
+        }
         display = self._add("MarkupsFiducialDisplay", f"{name} display", shown, {})
         references = {"display": display, "storage": storage, "transform": under}
         return self._add("MarkupsFiducial", name, {}, references)

@@ -14,7 +14,7 @@ from ...geometry.closest_point import ClosestPoint
 from ...parallel import by_rows
 from .band import PAD, Band
 from .masks import widened
-from .scatter import gather_band, scatter_distance, touched_blocks
+from .scatter import Blocks, gather_band, scatter_distance, touched_blocks
 from .winding import winding
 
 
@@ -124,20 +124,9 @@ def _scatter_unsigned(
     table, count = touched_blocks(corners, reach, box, bits)
     best = np.full((count, 64 << bits), np.inf, dtype=np.float32)
     owner = np.full(best.shape, -1, dtype=np.int32)
+    blocks = Blocks(box, bits, table, best, owner)
     layers = (np.arange(len(table)),)
     # two layers of blocks are worth a thread
-    by_rows(
-        scatter_distance,
-        2,
-        layers,
-        _spread_faces(len(corners)),
-        corners,
-        reach,
-        box,
-        bits,
-        table,
-        best,
-        owner,
-    )
-    nodes, gap, face = gather_band(table, bits, box, best, owner)
+    by_rows(scatter_distance, 2, layers, _spread_faces(len(corners)), corners, reach, blocks)
+    nodes, gap, face = gather_band(blocks)
     return nodes, gap, face

@@ -37,7 +37,8 @@ def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
     share = safe[tail] / (safe[tail] - safe[head])
     vertices = band.positions[tail] + share[:, None] * (band.positions[head] - band.positions[tail])
     faces = (np.cumsum(used) - 1)[keyed]
-    kernels.wind_outward(faces, vertices, band.positions, safe, cells, simplices, source)
+    origin = kernels.Origin(cells, simplices, source)
+    kernels.wind_outward(faces, vertices, band.positions, safe, origin)
     return vertices, faces
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from ...arrays import ROUNDING
+from ...arrays import ROUNDING, Ints
 
 
 @njit(cache=True, nogil=True)
@@ -122,11 +124,22 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
     return faces, source
 
 
+class Origin(NamedTuple):
+    """This says which cell and which simplex of it each face is in: `source` (m, 2) into the corners of cells
+    (c, 2^d), and into the numbers of those corners that are a simplex (s, d + 1).
+    """
+
+    cells: Ints
+    simplices: Ints
+    source: Ints
+
+
 @njit(cache=True, nogil=True)
-def wind_outward(faces, vertices, positions, phi, cells, simplices, source):  # type: ignore[no-untyped-def]
+def wind_outward(faces, vertices, positions, phi, origin):  # type: ignore[no-untyped-def]
     """Turn (in place) every face of `march_simplices` so that its normal points to where phi is positive in
     its simplex: from the mean inner to the mean outer corner.
     """
+    cells, simplices, source = origin
     size = faces.shape[1]
     means, count = np.zeros((2, size)), np.zeros(2)
     for m in range(faces.shape[0]):

@@ -6,8 +6,25 @@ A 2D box has a third axis of length 1 and blocks of thickness 1.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+from ...arrays import Ints
+
+
+class Blocks(NamedTuple):
+    """Blocks of 8 x 8 x 2**bits nodes of a lattice of a shape (3,) are numbered in a table. For every node of
+    each they have the best distance so far, and the face that it is from; -1 where there is none.
+    """
+
+    shape: Ints
+    bits: int
+    table: NDArray[np.int32]
+    best: NDArray[np.float32]
+    owner: NDArray[np.int32]
 
 
 @njit(cache=True, nogil=True)
@@ -48,7 +65,7 @@ def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def scatter_distance(layers, order, corners, reach, shape, bits, table, best, owner):  # type: ignore[no-untyped-def]
+def scatter_distance(layers, order, corners, reach, blocks):  # type: ignore[no-untyped-def]
     """Fill in the smallest distance (lattice units) of the nodes within `reach` to any face, and that
     face, per block, in adjoining layers of blocks along the first axis; faces in the order given.
 
@@ -56,12 +73,13 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
     are turned away by a bound, their distance from the circle around the face, which their best face so far
     already beats: the sooner each has a good one, the more.
     """
+    shape, bits, table, best, owner = blocks
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     shape_of = np.empty(13)
     lanes = 8 << bits  # nodes of a layer
     thick = 1 << bits
-    steps_y = (np.arange(lanes) >> bits).astype(np.float32)
-    steps_z = (np.arange(lanes) & (thick - 1)).astype(np.float32)
+    across = np.arange(lanes)
+    steps = (across >> bits).astype(np.float32), (across & (thick - 1)).astype(np.float32)
     spare = np.empty(lanes, dtype=np.float32)
     worst = np.full((best.shape[0], 8), reach)  # distance of a layer's node that is farthest off
     for m in order:
@@ -81,29 +99,31 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
                     if (i - cx) ** 2 + beside2 > (worst[block, layer] + radius) ** 2:
                         continue
                     mine = best[block, layer * lanes : (layer + 1) * lanes]
-                    if _count_candidates(mine, steps_y, steps_z, (i - cx, y, z), shape_of, reach, spare) == 0:
+                    if _count_candidates(mine, steps, (i - cx, y, z), shape_of, reach, spare) == 0:
                         continue
                     theirs = owner[block, layer * lanes : (layer + 1) * lanes]
                     nearer = False
                     for c in range(lanes):
                         k = (bk << bits) + (c & (thick - 1))
                         if spare[c] > 0.0 and k <= last[2]:
-                            node = i, (bj << 3) + (c >> bits), k
-                            nearer |= _write_if_nearer(m, node, corners[m], shape_of, reach, c, mine, theirs)
+                            gap2 = _face_gap2((i, (bj << 3) + (c >> bits), k), corners[m], shape_of)
+                            limit = min(np.float64(mine[c]), reach)
+                            if gap2 <= limit * limit:
+                                mine[c], theirs[c], nearer = np.sqrt(gap2), m, True
                     if nearer:
                         worst[block, layer] = min(reach, mine.max())
-    return best, owner
 
 
 # without the promise of finite numbers that fastmath=True makes: the best distances begin infinite
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def _count_candidates(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
+def _count_candidates(best, steps, start, face, reach, spare):  # type: ignore[no-untyped-def]
     """Count the nodes of a layer that a face may be nearer to than the best face so far: those where `spare`,
     the difference of squared distances from that face and from the circle around this one, is positive.
 
-    start: the layer's first node, from the centre of the circle. In single precision, of which the processor
-    does many at once, with room for its rounding.
+    start: the layer's first node, from the centre of the circle; steps: of all its nodes from there, in y and
+    in z. In single precision, of which the processor does many at once, with room for its rounding.
     """
+    steps_y, steps_z = steps
     x, y0, z0 = np.float32(start[0]), np.float32(start[1]), np.float32(start[2])
     nx, ny, nz = np.float32(face[4]), np.float32(face[5]), np.float32(face[6])
     radius, most = np.float32(face[3] + 1e-4), np.float32(reach + 1e-4)
@@ -122,21 +142,14 @@ def _count_candidates(best, steps_y, steps_z, start, face, reach, spare):  # typ
 
 
 @njit(cache=True, inline="always")
-def _write_if_nearer(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-untyped-def]
-    """Write a face's distance from a node, and its number, where that is the smallest so far, and say whether
-    it is.
-    """
+def _face_gap2(node, corners, face):  # type: ignore[no-untyped-def]
+    """Return the squared distance of a node from a face with these corners, measured by `_measure_face`."""
     x, y, z = node[0] - corners[0, 0], node[1] - corners[0, 1], node[2] - corners[0, 2]
     if len(corners) == 2:
         gap2 = _segment_gap2(x, y, face)
     else:
         gap2 = _triangle_gap2(x, y, z, x * face[4] + y * face[5] + z * face[6], face)
-    limit = min(np.float64(best[c]), reach)
-    nearer = gap2 <= limit * limit
-    if nearer:
-        best[c] = np.sqrt(gap2)
-        owner[c] = m
-    return nearer
+    return gap2
 
 
 @njit(cache=True, nogil=True)
@@ -199,8 +212,9 @@ def _triangle_gap2(x, y, z, away, face):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def]
+def gather_band(blocks):  # type: ignore[no-untyped-def]
     """Gather the nodes that have an owner, in C order: indices (n, 3), distance (n,), face (n,)."""
+    shape, bits, table, best, owner = blocks
     n = (owner >= 0).sum()
     nodes = np.empty((n, 3), dtype=np.int32)
     gap = np.empty(n)

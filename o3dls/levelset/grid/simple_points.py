@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -77,9 +78,20 @@ def cut_away(phi: Array, nodes: Mask, least: float) -> Array:
     return np.where(wider, np.maximum(-phi, least), phi)
 
 
+class _Queue(NamedTuple):
+    """A queue has the rank of every node, or -1; by rank, it has which nodes wait, and how many of each
+    chunk.
+    """
+
+    rank: Ints
+    queued: Mask
+    waiting: Ints
+
+
 @njit(cache=True, inline="always")
-def _queue_around(node, rank, inside, offsets, queued, waiting, first):  # type: ignore[no-untyped-def]
+def _queue_around(node, inside, offsets, queue, first):  # type: ignore[no-untyped-def]
     """Queue the neighbours of a node that may join the inside; the lowest rank that waits, or `first`."""
+    rank, queued, waiting = queue
     for k in range(len(offsets)):
         other = node + offsets[k]
         place = rank[other]
@@ -98,9 +110,10 @@ def _grow_in_place(nodes, rank, inside, simple, offsets):  # type: ignore[no-unt
     """
     queued = np.zeros(len(nodes), np.bool_)
     waiting = np.zeros((len(nodes) >> 8) + 2, np.int64)  # counts of nodes that wait, per chunk of the queue
+    queue = _Queue(rank, queued, waiting)
     first = len(nodes)
     for start in np.flatnonzero(inside):
-        first = _queue_around(start, rank, inside, offsets, queued, waiting, first)
+        first = _queue_around(start, inside, offsets, queue, first)
     while first < len(nodes):
         if waiting[first >> 8] == 0:
             first = ((first >> 8) + 1) << 8
@@ -117,7 +130,7 @@ def _grow_in_place(nodes, rank, inside, simple, offsets):  # type: ignore[no-unt
                 pattern |= 1 << k
         if simple[pattern]:
             inside[node] = True
-            first = _queue_around(node, rank, inside, offsets, queued, waiting, first)
+            first = _queue_around(node, inside, offsets, queue, first)
 
 
 def _grow_inside(phi: Array, start: Mask) -> Mask:

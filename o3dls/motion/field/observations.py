@@ -45,6 +45,10 @@ class Data:
     moment: Ints | None = None
     isolation: Array | None = None
 
+    def noise(self, levels: Array) -> Array:
+        """Return the noise (n,) of each point, where the groups have these levels."""
+        return np.asarray(levels[self.group] * self.relative)
+
     @property
     def outlier_odds(self) -> Array:
         """Factor (n,) on the odds of being an outlier."""
@@ -129,30 +133,14 @@ LEAST_WEIGHT = (
 )
 
 
-def gather(
-    feet: Feet,
-    data: Data,
-    weights: Array,
-    marks: Array,
-    most: int,
-    patch: float,
-    patches: Ints | None = None,
-    frame: Array | None = None,
-) -> Rows:
-    """Return the rows of all points and landmarks. Above `most` points, those whose feet share a patch (a
-    length) of a `frame` (d+1, d+1), or did before (`patches` (n,)), speak with one voice.
+def gather(feet: Feet, data: Data, weights: Array, marks: Array, of_point: Ints) -> Rows:
+    """Return the rows of all points and landmarks: points that `of_point` (n,) gives one row speak with one
+    voice.
 
     The precision-weighted mean is sufficient for a constant, and nearly so for a field that is smooth over a
     patch.
     """
     precision = np.maximum(weights, LEAST_WEIGHT) / data.relative**2
-    of_point = patches
-    if of_point is None:
-        of_point = (
-            np.arange(len(weights))
-            if len(weights) <= most
-            else number_patches(feet, data.group, patch, frame)
-        )
     count = int(of_point.max(initial=-1)) + 1
     total = np.bincount(of_point, precision, minlength=count)
 
@@ -195,23 +183,18 @@ def _with_landmarks(rows: Rows, data: Data, marks: Array) -> Rows:
 
 
 def points_left_out(
-    rows: Rows,
-    feet: Feet,
-    weights: Array,
-    noise: Array,
-    row_residual: Array,
-    row_variance: Array,
-    noises: Array,
-    data: Data,
+    rows: Rows, feet: Feet, weights: Array, noise: Array, alone: tuple[Array, Array], own: Array
 ) -> tuple[Array, Array]:
     """Return the residual (n,) of each point to the fit without that point, and the variance (n,) to judge it
-    by (fit plus noise).
+    by (fit plus noise); noise (k,) is that of the rows, as a variance, and own (n,) that of the points, as a
+    deviation.
 
-    A row's own left-out prediction N(m, v) takes in again what the other points of its patch say, each as far
-    as it is believed.
+    A row's own left-out prediction N(m, v), of which `alone` holds residual (k,) and variance (k,), takes in
+    again what the other points of its patch say, each as far as it is believed.
     """
     of = rows.of_point
-    own = (noises[data.group] * data.relative) ** 2
+    row_residual, row_variance = alone
+    own = own**2
     said = 1.0 / noise[of]  # precision of the whole row, weights included
     mine = np.maximum(weights, LEAST_WEIGHT) / own
     others = np.where(np.bincount(of)[of] > 1, np.maximum(said - mine, 0.0), 0.0)
@@ -225,11 +208,10 @@ def points_left_out(
     return feet.residual - mean, var + own
 
 
-def number_patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
+def number_patches(feet: Feet, group: Ints, patch: float, frame: Array) -> Ints:
     """Return the number (n,) of the patch of each foot: one cell of the reference, one group (n,), normals in
     one orthant.
     """
-    frame = np.eye(feet.at.shape[1] + 1) if frame is None else frame
     cells = np.floor(apply(frame, feet.at) / patch).astype(np.int64)
     facing = (feet.normals @ frame[:-1, :-1].T > 0) @ (1 << np.arange(feet.normals.shape[1]))
     number = np.zeros(len(cells), dtype=np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -94,6 +95,14 @@ def _amplitude_probabilities(local: Array, shares: Array) -> Array:
     return np.asarray(odds / odds.sum(axis=1, keepdims=True))
 
 
+class _Measured(NamedTuple):
+    """Points have feet (m, 3) on the moved prior, signed distances from it (m,), and noise (m,)."""
+
+    feet: Array
+    values: Array
+    noise: Array
+
+
 def _score_amplitudes(
     known: Oriented,
     prior: MovedPrior,
@@ -115,8 +124,8 @@ def _score_amplitudes(
     near = _itself_first(nearest(feet, feet[tested], count)[1], tested)
     factors = np.asarray(chosen.noise_factors)
     out = np.zeros((len(tested), len(ladder), len(factors)))
-    shared = (feet, distance, known.noise, ladder, factors, lengths)
-    by_rows(_fill_log_densities, WORTH, (near, out), *shared)
+    measured = _Measured(feet, distance, known.noise)
+    by_rows(_fill_log_densities, WORTH, (near, out), measured, ladder, factors, lengths)
     return out
 
 
@@ -131,10 +140,11 @@ def _itself_first(near: Ints, own: Ints) -> Ints:
 
 
 @njit(cache=True, nogil=True)
-def _fill_log_densities(near, out, feet, values, noise, ladder, factors, lengths):  # type: ignore[no-untyped-def]
+def _fill_log_densities(near, out, measured, ladder, factors, lengths):  # type: ignore[no-untyped-def]
     """Fill in the log density of the first value of each row of `near` given the others, for every amplitude
     and factor on the noise.
     """
+    feet, values, noise = measured
     count = near.shape[1]
     alike = np.empty((count, count))
     factor = np.empty((count, count))

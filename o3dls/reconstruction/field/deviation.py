@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -13,6 +15,14 @@ from .reconstruction import Reconstruction
 from .splines import correlation
 
 
+class _Known(NamedTuple):
+    """Points have feet (m, 3), the field's amplitude there, and the variance of their noise (m,)."""
+
+    feet: Array
+    amplitude: Array
+    variance: Array
+
+
 def deviation(vertices: Array, prior_sd: Array, found: Reconstruction, nearest_points: int) -> Array:
     """Return the standard deviation (v,) of the wall at its vertices, if there is wall: of the field or of
     the motion, prior_sd (v,), whichever is larger, as far as the points next to each do not tell.
@@ -21,17 +31,18 @@ def deviation(vertices: Array, prior_sd: Array, found: Reconstruction, nearest_p
     _, near = nearest(wall.feet, vertices, min(nearest_points, len(wall.feet)))
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
     told = np.zeros(len(vertices))
-    shared = (wall.feet, wall.amplitude, variance, np.asarray(found.lengths))
-    by_rows(_fill_explained_variance, WORTH, (vertices, near, told), *shared)
+    known = _Known(wall.feet, wall.amplitude, variance)
+    by_rows(_fill_explained_variance, WORTH, (vertices, near, told), known, np.asarray(found.lengths))
     # the field's was found from distances to the moved prior, which have the motion's in them
     return np.asarray(np.sqrt(1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd))
 
 
 @njit(cache=True, nogil=True)
-def _fill_explained_variance(vertices, near, told, feet, amplitude, variance, lengths):  # type: ignore[no-untyped-def]
+def _fill_explained_variance(vertices, near, told, known, lengths):  # type: ignore[no-untyped-def]
     """Fill in the part (v,) of the field's variance at each vertex that the points near it explain, by the
     Cholesky factor of their covariance.
     """
+    feet, amplitude, variance = known
     count = near.shape[1]
     factor = np.empty((count, count))
     across = np.empty(count)

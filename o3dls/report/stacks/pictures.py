@@ -10,8 +10,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...io.atomic import write_file
+from ...io.grey.of_case import log_gap
 from ...io.manifest import noted
 from ...io.table import write_table
+from ...places import make_folder
 from ...runs.image.values import with_named_image
 from ..drawing.figures import drawable, plain_figure, png
 from ..drawing.slices import write_path
@@ -52,6 +54,7 @@ def write_slices(folder: str | Path, out: str | Path | None = None, image: str |
     folder = Path(folder)
     run = with_named_image(folder, image)
     brought = brought_back(read_subject([folder], runs=[with_given(run)]))
+    log_gap(brought.image, run.case)
     stacks = make_stacks(brought)
     target = folder / FOLDER if out is None else Path(out)
     with noted(folder):
@@ -60,7 +63,7 @@ def write_slices(folder: str | Path, out: str | Path | None = None, image: str |
 
 
 def _write_pictures(target: Path, brought: Brought, stacks: Stacks, within: Path | None) -> None:
-    target.mkdir(parents=True, exist_ok=True)
+    make_folder(target)
     rows = [
         (f"{stack.plane}_{k:02d}.png", stack, cut)
         for stack in stacks.stacks

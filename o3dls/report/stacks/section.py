@@ -50,6 +50,8 @@ def _note(subject: Subject, brought: Brought) -> Html:
         "by the inverse of its motion, which brings the moved prior back onto the prior. Dots: eam points "
         f"within {BESIDE:g} mm of the slice, brought back by the motion. Axes: {brought.seen.known_by}."
     )
+    if gap := brought.image.gap(brought.prior.vertices):
+        said += f" The image {gap}."
     return tag("p", said, class_="soft")
 
 

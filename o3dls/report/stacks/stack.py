@@ -23,7 +23,7 @@ INSET = 0.03  # of the extent along which slices lie, at either end: a slice the
 BINS = 120  # along an axis, in which differences and points are counted
 PIXELS = 280  # along the longer side of a picture
 RANGE = (0.1, 99.9)  # percentiles of grey values that the pictures keep
-WINDOW = (1.0, 99.0)  # percentiles that are black and white at first
+WINDOW = (1.0, 99.8)  # percentiles that are black and white at first: late enhancement is of few pixels
 Grey = NDArray[np.uint8]
 
 

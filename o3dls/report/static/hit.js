@@ -43,14 +43,19 @@ function hitSurface({ geometry }, ray) {
   return isCapped(ray, taken) ? null : nearest;
 }
 
-// The nearest drawn point under the ray that the wall, at a depth, does not hide; undefined where there is none.
-function hitPoint(panel, ray, depth) {
-  const reach = (1.3 * RADIUS * (camera.top - camera.bottom)) / (camera.zoom * panel.canvas.clientHeight); // a little beside a small one still means it
+const BESIDE = 1.3 * RADIUS; // pixels: a little beside a small point still means it
+const FINGER = 12; // pixels: a finger means what is nearest to it within a target of 24
+
+// The drawn point under the ray that the wall, at a depth, does not hide: of a mouse the one in front, of a finger the nearest to it; undefined where there is none.
+function hitPoint(panel, ray, depth, finger) {
+  const reach = ((finger ? FINGER : BESIDE) * (camera.top - camera.bottom)) / (camera.zoom * panel.canvas.clientHeight);
   const flat = besideRay(cloud.positions, ray);
   const depthOf = (i) => placeOf(i).sub(ray.origin).dot(ray.forward);
+  const away = (i) => Math.hypot(flat[2 * i], flat[2 * i + 1]);
+  const first = finger ? away : depthOf;
   return panel.rows
-    .filter((i) => Math.hypot(flat[2 * i], flat[2 * i + 1]) < reach && rankOf(panel, i) <= panel.share && depthOf(i) - marks.lift.value < depth)
-    .sort((i, j) => depthOf(i) - depthOf(j))[0];
+    .filter((i) => away(i) < reach && rankOf(panel, i) <= panel.share && depthOf(i) - marks.lift.value < depth)
+    .sort((i, j) => first(i) - first(j))[0];
 }
 
 const placeOf = (i) => new THREE.Vector3(...cloud.positions.subarray(3 * i, 3 * i + 3));
@@ -59,7 +64,7 @@ const placeOf = (i) => new THREE.Vector3(...cloud.positions.subarray(3 * i, 3 * 
 function hit(panel, event) {
   const ray = rayAt(panel, event);
   const wall = hitSurface(panel, ray);
-  const point = hitPoint(panel, ray, wall && shared.opacity.value === 1 ? wall.depth : Infinity);
+  const point = hitPoint(panel, ray, wall && shared.opacity.value === 1 ? wall.depth : Infinity, event.pointerType === "touch");
   if (point !== undefined) return { panel, point, at: placeOf(point) };
   return wall && { panel, geometry: panel.geometry, ...wall };
 }

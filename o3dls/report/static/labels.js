@@ -3,6 +3,7 @@
 const NAME_ROW = 18; // pixels from name to name
 const CUBE_ROOM = 92, BAR_ROOM = 40; // pixels that the cube takes at the lower left and the scale bar at the lower right
 const LONGEST = 24; // letters of a name
+const BEHIND = 0.8; // strength of a name whose place is behind the wall: it is read, its line alone is faint
 
 if (scene.doubts.length) offerDoubts();
 
@@ -90,10 +91,11 @@ function drawLabel({ text, x, y, row, font, left, wide, right, strength, doubt }
   context.arc(x, y, ring, 0, 2 * Math.PI);
   context.stroke();
   context.setLineDash([]);
-  context.globalAlpha = 0.8 * strength;
+  const read = strength < 1 ? BEHIND : 1;
+  context.globalAlpha = 0.8 * read;
   context.fillStyle = edge;
   context.fillRect(left - 2 * ratio, row - 8 * ratio, wide + 4 * ratio, 16 * ratio);
-  context.globalAlpha = strength;
+  context.globalAlpha = read;
   context.fillStyle = ink;
   context.textBaseline = "middle";
   context.fillText(text, left, row);

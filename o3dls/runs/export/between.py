@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...io.atomic import staged_files
-from .facts import facts_of, log_sentences, write_facts
-from .motion_files import write_itk
+from .facts import facts_of, write_facts
+from .motion_files import Written, write_itk
 from .placed import frame_of
 from .scene import write_scene
 
@@ -23,24 +21,14 @@ def unknown_sides(case: Case) -> bool:
 
 
 def write_between(
-    run: Run,
-    name: str,
-    format: str,
-    path: Path,
-    *,
-    spacing: float,
-    image: Path | None = None,
-    within: Path | None = None,
-) -> None:
-    """Write an estimate in a format that holds both sides, and its facts to `<file>.json` beside it; the log
-    hears how exact it is, and warns of what has no inverse.
+    run: Run, name: str, format: str, path: Path, *, spacing: float, image: Path | None = None
+) -> Written:
+    """Write an estimate in a format that holds both sides, and its facts to `<file>.json` beside it, and
+    return what there is to say of how exact it is, and of what has no inverse.
     """
-    facts = facts_of(run, name, format, "both", "LPS", "mm")
-    with staged_files(path, within) as staged:
-        if format == "itk":
-            written = write_itk(staged, run, name, spacing)
-        else:
-            written = write_scene(staged, run, name, spacing, image)
-        write_facts(staged, facts | written.facts)
-    log_sentences(path, written.sentences)
-    log_sentences(path, written.failures, logging.WARNING)
+    if format == "itk":
+        written = write_itk(path, run, name, spacing)
+    else:
+        written = write_scene(path, run, name, spacing, image)
+    write_facts(path, facts_of(run, name, format, "both", "LPS", "mm") | written.facts)
+    return written

@@ -25,6 +25,10 @@ from .facts import log_sentences
 from .way import Carried, Way
 
 MOST_LABEL = 255
+TABLES = (".csv", ".tsv", ".xlsx")
+TAKEN = (
+    "what is carried: surfaces, lines in VTK, label volumes, Slicer's markups, tables and clouds of points"
+)
 MOST_VOXELS = 1 << 24
 
 
@@ -66,7 +70,12 @@ def carry_table(source: Path, target: Path, way: Way, units: str | None, frame: 
     from ...io.points import read_points_table
     from ...io.table import write_table
 
-    table = read_points_table(source)
+    try:
+        table = read_points_table(source)
+    except InputError as error:
+        if source.suffix.lower() in TABLES:
+            raise
+        raise InputError(f"{error} ({TAKEN})") from error
     space = settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
     xyz = np.column_stack([table.numbers(axis) for axis in "xyz"])
     found = way(xyz * _unit(source, table.notes.get("units", "unknown"), units), space)
@@ -140,7 +149,9 @@ def carry_labels(source: Path, target: Path, way: Way, units: str | None, frame:
         raise InputError(f"{source}: volumes are in mm; omit --units")
     image = read_image(source, read_bytes(source), frame)
     labels = np.asarray(image.values)
-    if labels.ndim != 3 or not np.isin(labels, np.arange(MOST_LABEL + 1)).all():
+    if labels.ndim != 3:
+        raise InputError(f"{source}: has {labels.ndim} axes: a label volume is one volume in 3D")
+    if not np.isin(labels, np.arange(MOST_LABEL + 1)).all():
         raise InputError(
             f"{source}: is not a volume of labels from 0 to {MOST_LABEL}; resample an image by the transform "
             "of o3dls export RUN --format itk"

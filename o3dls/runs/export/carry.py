@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError, did_you_mean
 from ...io.atomic import staged_files
+from ...places import make_folder
 from .carried_files import carry_labels, carry_lines, carry_markups, carry_surface, carry_table
 from .facts import log_sentences
 from .way import Carried, To, Way, way_of
@@ -79,7 +80,7 @@ def carry(
     if not path.name.lower().endswith(_endings(kind)):
         raise InputError(f"{path}: {source.name} is carried as {' or '.join(_endings(kind))}")
     check_not_of_a_run(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     way = way_of(run, name, to)
     with staged_files(path, None if out else Path(folder)) as staged:
         carried = write(source, staged, way, units, frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,9 @@ RED, YELLOW, GREEN, BLUE, VIOLET = (
 RAINBOW = (RED, YELLOW, GREEN, BLUE, VIOLET)
 DARK_TO_LIGHT = ((0.27, 0.0, 0.33), (0.13, 0.57, 0.55), (0.99, 0.91, 0.14))
 LAT_SHARE = (2.0, 98.0)  # percent of the activation times between the ends of the colours
+# Slicer takes 0.07 s to move one of 1000 control points, 12 s of 20 000; what there is more of is a cloud
+MOST_MARKUPS = 1000
+DESCRIBED = {"bipolar": "Bipolar", "unipolar": "Unipolar", "lat": "LAT"}  # as SlicerHeart describes a point
 MOST_SD = 3.0  # mm, at the light end of the colours of the deviation
 PLACED = "on the image, which is the world; what is of the map hangs under 'map onto image'"
 
@@ -72,7 +76,8 @@ def _add_image(scene: Scene, case: Case, given: Path | None) -> list[str]:
         if given:
             raise
         return [f"the image of the case is left out: {error}"]
-    return []
+    gap = opened.gap(case.prior.vertices)
+    return [f"the image {gap}"] if gap else []
 
 
 def _read_voxels(image: GreyImage) -> tuple[Any, Array]:
@@ -88,6 +93,8 @@ def _read_voxels(image: GreyImage) -> tuple[Any, Array]:
 
 
 def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None) -> None:
+    from ...io.scenes.mrml import Marks
+
     case, estimate = run.case, run.estimates[name]
     turn, turn_map, pose = lps_pose(case, estimate)
     on_prior = placed(run, name, estimate.surface, "prior").surface.transformed(turn)
@@ -108,32 +115,54 @@ def _fill_scene(scene: Scene, run: Run, name: str, motion: MotionOnGrid | None) 
     marks = case.prior_landmarks
     if marks:
         at = apply(turn, np.array(list(marks.values())))
-        scene.add_markups("landmarks of the prior", _named(list(marks), at), (0.1, 0.6, 1.0))
+        scene.add_markups("landmarks of the prior", _named(list(marks), at), Marks((0.1, 0.6, 1.0)))
 
 
 def _add_points(scene: Scene, points: Points, turn: Array, look: Look | None, under: str) -> None:
-    """Add the measured points as a cloud with their values; ablation sites and landmarks by name."""
-    from dataclasses import replace
-
-    from ...io.meshes.cloud import Cloud
-    from ...io.meshes.vtp import write_cloud
+    """Add the measured points as a cloud with their values, and where they are few as markups to click on,
+    hidden at first; ablation sites and landmarks by name.
+    """
+    from ...io.scenes.mrml import Marks
 
     measured = points.of("eam", "inside")
     if len(measured):
-        values = {key: one for key, one in measured.columns.items() if one.dtype.kind in "fiu"}
-        cloud = Cloud(apply(turn, measured.xyz), values, "LPS", "mm")
-        has = look is not None and look.field in values
-        shown = look if look is not None and has else _plain()
-        scene.add_model("points", write_cloud(cloud), replace(shown, points=True), under)
-    for kind, title, colour in (
-        ("ablation", "ablation sites", (0.8, 0.1, 0.1)),
-        ("landmark", "landmarks of the map", (1.0, 0.6, 0.1)),
-    ):
-        some = points.of(kind)
-        if len(some):
-            given = some.columns.get("name", np.full(len(some), ""))
-            names = [str(one) or f"{kind} {k + 1}" for k, one in enumerate(given)]
-            scene.add_markups(title, _named(names, apply(turn, some.xyz)), colour, under)
+        has = look is not None and look.field in measured.columns
+        _add_cloud(scene, "points", measured, turn, look if look is not None and has else _plain(), under)
+    kinds = (
+        ("points as markups", measured, Marks((0.9, 0.9, 0.9), many=True, shown=False)),
+        ("ablation sites", points.of("ablation"), Marks(RED, many=True)),
+        ("landmarks of the map", points.of("landmark"), Marks((1.0, 0.6, 0.1))),
+    )
+    for title, some, marks in kinds:
+        if 0 < len(some) <= MOST_MARKUPS:
+            xyz = apply(turn, some.xyz)
+            scene.add_markups(title, _named(_name_rows(some), xyz), marks, _describe_rows(some), under)
+        elif len(some) and marks.shown:
+            _add_cloud(scene, title, some, turn, replace(_plain(), colour=marks.colour), under)
+
+
+def _add_cloud(scene: Scene, name: str, points: Points, turn: Array, look: Look, under: str) -> None:
+    from ...io.meshes.cloud import Cloud
+    from ...io.meshes.vtp import write_cloud
+
+    values = {key: one for key, one in points.columns.items() if one.dtype.kind in "fiu"}
+    cloud = Cloud(apply(turn, points.xyz), values, "LPS", "mm")
+    scene.add_model(name, write_cloud(cloud), replace(look, points=True), under)
+
+
+def _name_rows(points: Points) -> list[str]:
+    """Return the name of each point, its number where it has none."""
+    given = points.columns.get("name", np.full(len(points), ""))
+    return [str(one) or str(k) for k, one in enumerate(given, 1)]
+
+
+def _describe_rows(points: Points) -> list[str]:
+    """Return what was measured at each point."""
+    known = {word: points.columns[key] for key, word in DESCRIBED.items() if key in points.columns}
+    return [
+        " / ".join(f"{word} {values[k]:g}" for word, values in known.items() if np.isfinite(values[k]))
+        for k in range(len(points))
+    ]
 
 
 def _named(names: list[str], xyz: Array) -> Any:
@@ -186,6 +215,4 @@ def _plain() -> Look:
 
 def _faint(look: Look | None) -> Look:
     """Return the look of the prior: through it one sees the result."""
-    from dataclasses import replace
-
     return replace(look or _plain(), opacity=0.35)

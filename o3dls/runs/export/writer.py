@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -149,7 +150,12 @@ class Export(Writer):
         The facts are frame, units, pose and meaning of values. within: as for `staged_file`.
         """
         if self.format in BETWEEN:
-            write_between(run, name, self.format, path, spacing=self.spacing, image=self.image, within=within)
+            with staged_files(path, within) as staged:
+                written = write_between(
+                    run, name, self.format, staged, spacing=self.spacing, image=self.image
+                )
+            log_sentences(path, written.sentences)
+            log_sentences(path, written.failures, logging.WARNING)
             return
         # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame

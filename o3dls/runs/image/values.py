@@ -20,10 +20,11 @@ from ...evaluation.wall_image import Blood, Layer, values_on_wall
 from ...geometry.label_fields import read_at
 from ...geometry.surface import Surface
 from ...io.atomic import write_file
-from ...io.grey.of_case import open_kept_image
+from ...io.grey.of_case import log_gap, open_kept_image
 from ...io.manifest import noted
 from ...io.surfaces import write_surface
 from ...io.table import write_table
+from ...places import make_folder
 from ..estimate_files import IN_WALL
 from ..export.placed import recorded
 from ..folder import read_run
@@ -52,6 +53,8 @@ def with_named_image(folder: Path, image: str | Path | None) -> Run:
         run = replace(run, case=replace(run.case, image={"path": str(Path(image).absolute())}))
     if not run.case.image:
         raise InputError(f"{folder}: the run's case has no image of its prior; name one with --image")
+    if image is None and not Path(run.case.image["path"]).exists():
+        raise InputError(f"the image is no longer at {run.case.image['path']}; name where it is by --image")
     if run.case.dimension != 3:
         raise InputError(f"{folder}: the run is of a case in 2D: an image is in 3D")
     return run
@@ -64,7 +67,9 @@ def image_values(run: Run, layer: Layer) -> ImageValues:
     """
     case, estimate = run.case, run.estimates[run.final]
     motion = recorded(case, estimate)
-    on_wall, blood = values_on_wall(open_kept_image(case), case.prior, layer)
+    image = open_kept_image(case)
+    log_gap(image, case)
+    on_wall, blood = values_on_wall(image, case.prior, layer)
     measured = between(estimate.surface, case.prior, target_motion=motion)
     prior = replace(measured, fields={**measured.fields, **on_wall.fields})
     result = between(on_wall, estimate.surface, source_motion=motion)
@@ -126,7 +131,7 @@ def write_image_values(
         "frames": {"prior.vtp": run.case.prior_frame, "result.vtp": run.case.frame},
     }
     with noted(folder):
-        target.mkdir(parents=True, exist_ok=True)
+        make_folder(target)
         write_surface(target / "prior.vtp", found.prior, space=run.case.prior_frame)
         write_surface(target / "result.vtp", found.result, space=run.case.frame)
         write_table(target / "points.csv", found.points, {"space": run.case.frame, "units": "mm"})

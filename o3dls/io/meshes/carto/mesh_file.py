@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,8 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
         "hidden_triangles": len(mesh.triangles) - len(triangles),
         "vertex_rows": used,
     }
-    return SurfaceFile.of(path, mesh.vertices[used], index[triangles], fields, units="mm", metadata=facts)
+    file = SurfaceFile.of(path, mesh.vertices[used], index[triangles], fields)
+    return replace(file, units="mm", metadata=facts)
 
 
 def write(file: SurfaceFile) -> bytes:

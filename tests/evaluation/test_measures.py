@@ -1,0 +1,170 @@
+"""Numbers of a surface are those of geometry, and their intervals those of its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fields import bend, body, spots, wall
+from tiny import sphere
+
+from o3dls.estimate import Estimate
+from o3dls.evaluation.measures.intervals import LEVEL, measure_samples
+from o3dls.evaluation.measures.numbers import (
+    Parts,
+    Quantity,
+    measure_surface,
+    named_parts,
+    places_on,
+    share_below,
+    slopes,
+)
+from o3dls.evaluation.regions import tubes
+from o3dls.geometry.surface import Surface
+from o3dls.geometry.twist import rotation
+from o3dls.motion.fit import fit_motion
+from o3dls.motion.wall.samples import SurfaceSamples
+from tests.chamber import chamber, tips
+
+RADIUS = 20.0
+BALL = sphere(RADIUS, 60)
+ALL = np.ones(len(BALL.vertices), dtype=bool)
+MESHED = 0.004  # relative: the triangles of a ball lie inside of it
+
+
+def samples_of(surface: Surface, *vertices: np.ndarray) -> SurfaceSamples:
+    at = np.array(vertices)
+    return SurfaceSamples(surface, at, np.ones(at.shape[:2], dtype=bool))
+
+
+def test_a_ball_has_the_volume_the_area_and_the_sections_of_one() -> None:
+    height = 12.0
+    parts = Parts(
+        named_parts(None, {}, ALL),
+        tubes={"cap": BALL.vertices[:, 2] > height},
+        places=places_on(BALL, {"a": np.array([0.0, 0.0, 21.0]), "b": np.array([0.0, 0.0, -19.0])}),
+    )
+    found = {(one.what, one.where): value for one, value in measure_surface(BALL, parts).items()}
+    assert found["volume", "wall"] == pytest.approx(4.0 / 3.0 * np.pi * 8.0, rel=MESHED)
+    assert found["area", "wall"] == pytest.approx(4.0 * np.pi * 4.0, rel=MESHED)
+    # the border is the first ring of vertices above the height
+    ring = BALL.vertices[BALL.vertices[:, 2] > height, 2].min()
+    across = 2.0 * np.sqrt(RADIUS**2 - ring**2)
+    assert found["section diameter", "cap"] == pytest.approx(across, rel=MESHED)
+    assert found["section area", "cap"] == pytest.approx(np.pi * across**2 / 400.0, rel=2.0 * MESHED)
+    assert found["distance", "a to b"] == pytest.approx(40.0)  # each keeps its offset from the wall
+
+
+def test_a_section_does_not_depend_on_what_lies_beyond_it() -> None:
+    beyond = BALL.vertices[:, 2] > 12.0
+    parts = Parts({}, tubes={"cap": beyond})
+    faces = BALL.faces[beyond[BALL.faces].all(axis=1)]
+    inner = np.setdiff1d(faces, BALL.faces[~beyond[BALL.faces].all(axis=1)])
+    pulled = BALL.vertices.copy()
+    pulled[inner] += [3.0, 0.0, 25.0]
+    for one, value in measure_surface(BALL.with_vertices(pulled), parts).items():
+        if one.what.startswith("section"):
+            assert value == pytest.approx(measure_surface(BALL, parts)[one])
+
+
+def test_area_below_a_threshold_is_counted_where_there_is_wall_and_a_value() -> None:
+    z = BALL.vertices[:, 2]
+    values = np.where(BALL.vertices[:, 0] > 0.0, z, np.nan)
+    parts = Parts({"upper": z > 0.0}, thresholds=(10.0,))
+    found = {one.what: value for one, value in measure_surface(BALL, parts, None, values).items()}
+    # Archimedes: a zone has the area of its height; half of the upper half has values
+    assert found["area below 10 mV"] == pytest.approx(0.5 * 2.0 * np.pi * 2.0 * 1.0, rel=0.05)
+    assert found["share below 10 mV"] == pytest.approx(50.0, rel=0.05)
+    absent = measure_surface(BALL, parts, BALL.vertices[:, 1] > 0.0, values)
+    assert absent[Quantity("area", "upper", "cm²")] == pytest.approx(found["area"] / 2.0, rel=0.03)
+
+
+def test_a_face_counts_by_the_part_of_it_that_lies_below_the_threshold() -> None:
+    """Of a field that is linear on a triangle, by the areas of its cut-off corners."""
+    found = share_below(
+        np.array([[0.0, 2.0, 4.0], [4.0, 0.0, 2.0], [3.0, 3.0, 3.0], [0.0, np.nan, 0.0]]), 1.0
+    )
+    assert found == pytest.approx([0.125, 0.125, 0.0, 0.0])
+    assert share_below(np.array([[0.0, 2.0, 4.0]]), 3.0) == pytest.approx([0.875])
+    rng = np.random.default_rng(8_221)
+    corners = rng.normal(size=(5, 3))
+    inside = rng.dirichlet(np.ones(3), 40_000) @ corners.T < 0.2
+    assert share_below(corners, 0.2) == pytest.approx(inside.mean(axis=0), abs=0.01)
+
+
+def test_slopes_are_the_gradient_along_the_wall() -> None:
+    way = np.array([0.3, -1.2, 0.7])
+    values = BALL.vertices @ way
+    normals = BALL.vertices / RADIUS
+    expected = way - (normals @ way)[:, None] * normals
+    assert np.abs(slopes(BALL, values) - expected).max() < 0.1
+    values[5] = np.nan
+    assert np.isfinite(slopes(BALL, values)).all()
+
+
+def test_intervals_are_quantiles_of_the_samples() -> None:
+    radii = RADIUS + np.random.default_rng(51_773).normal(0.0, 0.5, 400)
+    samples = samples_of(BALL, *(BALL.vertices * r / RADIUS for r in radii))
+    volume = next(m for m in measure_samples(samples, Parts({})) if m.quantity.what == "volume")
+    expected = np.quantile(radii, [0.025, 0.975]) ** 3 * volume.naive / RADIUS**3
+    assert (volume.low, volume.high) == pytest.approx(tuple(expected))
+    assert volume.mean == pytest.approx(float((radii**3).mean()) * volume.naive / RADIUS**3)
+
+
+def test_values_stay_in_the_map_while_the_wall_slides_under_them() -> None:
+    """Half a ball that is turned by an angle has so much less of what lies below 0 on the other half."""
+    angle = 0.06
+    turn = rotation(np.array([0.0, 0.0, angle]))
+    parts = Parts({"half": BALL.vertices[:, 1] > 0.0}, thresholds=(0.0,))
+    measures = measure_samples(samples_of(BALL, BALL.vertices @ turn.T), parts, BALL.vertices[:, 0] * 1.0)
+    below = next(m for m in measures if m.quantity.what == "share below 0 mV")
+    assert below.naive == pytest.approx(50.0, abs=1.0)
+    # a turn by the angle brings so much of the half to where the value is below 0
+    assert below.mean == pytest.approx(50.0 + 100.0 * angle / np.pi, abs=1.0)
+
+
+def test_a_region_without_values_has_no_share_and_no_interval() -> None:
+    values = np.full(len(ALL), np.nan)
+    measures = measure_samples(
+        samples_of(BALL, BALL.vertices), Parts({"wall": ALL}, thresholds=(1.0,)), values
+    )
+    share = next(m for m in measures if m.quantity.what.startswith("share"))
+    assert np.isnan([share.naive, share.low, share.high]).all()
+
+
+def test_tubes_are_the_named_veins_beyond_their_mouths() -> None:
+    surface = chamber()
+    marks = tips(surface)
+    found = tubes(surface, marks)
+    assert found.keys() <= marks.keys()
+    assert len(found) >= 2
+    for name, inside in found.items():
+        away = np.linalg.norm(surface.vertices[inside] - marks[name], axis=1)
+        assert away.min() == pytest.approx(0.0)
+        assert away.max() < 15.0
+    assert tubes(surface, {}) == {}
+
+
+def test_an_interval_holds_what_was_drawn_from_the_posterior_as_often_as_it_says() -> None:
+    """Of truths that are drawn from the posterior itself 95 % lie in the interval, half below the mean."""
+    surface = body(3)
+    truth = surface.vertices + bend(surface, 4_409)
+    _, face, bary = spots(surface, 150, 4_410)
+    points = np.einsum("nc,ncd->nd", bary, truth[surface.faces[face]])
+    data = wall(points + 0.8 * np.random.default_rng(4_411).normal(size=points.shape))
+    fit = fit_motion(surface.vertices, surface.faces, np.eye(4), data)
+    moved = surface.with_vertices(fit.vertices)
+    estimate = Estimate(moved, np.eye(4), "made", motion=fit.motion)
+    parts = Parts(
+        {"half": surface.vertices[:, 0] > 0.0},
+        tubes={"cap": surface.vertices[:, 2] > 15.0},
+        places={"a": (0, np.zeros(3)), "b": (100, np.zeros(3))},
+    )
+    measures = measure_samples(estimate.samples(1000, seed=3_181), parts)
+    truths = estimate.samples(400, seed=91_120)
+    drawn = [measure_surface(one, parts) for one in truths]
+    for one in measures:
+        values = np.array([value[one.quantity] for value in drawn])
+        within = float(((values >= one.low) & (values <= one.high)).mean())
+        # of 400, which know a share to 1 %
+        assert within == pytest.approx(LEVEL, abs=0.035), one.quantity
+        assert float((values < one.mean).mean()) == pytest.approx(0.5, abs=0.1), one.quantity
