@@ -13,9 +13,9 @@ benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cros
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
 have a patient's own atrium as the prior, and a map that leaves wall out, a dense one, or a prior that lacks
-wall, `paths` a map that is taken along a path; `altered` has
-something wrong, and healthy cases beside it. Crossed cases say prior_of = "template". Names are groups and
-seeds as benchmarks.accuracy reads them:
+wall, `paths` a map that is taken along a path; `one_sided` a wall that is folded on one side, or points that
+float there; `altered` has something wrong, and healthy cases beside it. Crossed cases say
+prior_of = "template". Names are groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
@@ -23,6 +23,8 @@ seeds as benchmarks.accuracy reads them:
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
     whole_<points>_<even|clustered>_<seed>                         noise 1.5 mm, 5 % outliers
     path_<groups|dragged>_<points>_<seed>                          errors that go together, 1 to 2 mm rms
+    <fold|crowd>_<points>_<seed>                   a side of the wall is 9 mm farther inside, or as many
+                                                   points float there, down to 18 mm; noise 1 mm
     badly_segmented_<points>_<even|clustered>_<seed>
     altered_<what>_<points>_<seed>     what: a name of data_synth.altered.ALTERATIONS, or
         stranger    another person's prior, said to be the patient's
@@ -63,7 +65,7 @@ from data_synth.alignment import alongside
 from data_synth.altered import ALTERATIONS, altered
 from data_synth.catheter import Path as Way
 from data_synth.families import FAMILIES
-from data_synth.faulty_maps import along
+from data_synth.faulty_maps import along, crowded, folded
 from data_synth.visits import SHARES
 from o3dls.arrays import Array
 from o3dls.case import Case
@@ -75,7 +77,8 @@ from o3dls.io.case_writer import write_case
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
     r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
-    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|path_[a-z]+_\d+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
+    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|path_[a-z]+_\d+|(?:fold|crowd)_\d+"
+    r"|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")
@@ -113,6 +116,7 @@ FIRST_SEED = {
     "badly_segmented": {False: 901, True: 2901},
     "whole": {False: 951, True: 3101},
     "paths": {False: 961, True: 3201},
+    "one_sided": {False: 981, True: 3301},
 }
 FEW = (100, 250)
 # where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
@@ -150,6 +154,7 @@ WHOLE_POINTS = (1000, 4000, 20_000)
 WHOLE = {False: 5, True: 10}  # atria, the last of each list
 REACH = 2.6  # radii: CT veins stay longer than catheters go
 PATHS = (("groups", False), ("dragged", True))  # how a catheter goes, and whether it is one tip
+SIDE_POINTS, SIDE_NOISE, SIDE_ATRIA = (250, 1000, 4000), 1.0, (4, 10)
 PATH_POINTS = (250, 500, 1000, 4000)
 PATH_RMS, PATH_INSIDE = (1.0, 2.0), 0.08  # mm per axis, share
 BAD_POINTS = (250, 1000)
@@ -414,6 +419,36 @@ def along_paths(judging: bool) -> Iterator[AlongPath]:
 
 
 @dataclass(frozen=True)
+class OneSided:
+    """A case of one's own atrium on one side of which the wall is elsewhere, or no point touches it."""
+
+    name: str
+    seed: int
+    points: int
+    prior: str
+    family: str
+    crowd: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        prior = _read_wall(data, self.prior)
+        still = family(prior, self.seed, family=self.family, how=Mapping(self.points, SIDE_NOISE, False))
+        rng = np.random.default_rng((self.seed, self.points, 60_247))
+        return (crowded if self.crowd else folded)(rng, still)
+
+
+def one_sided(judging: bool) -> Iterator[OneSided]:
+    """Some patients' own atria, evenly mapped, with a fold of the wall on one side and, of the same atrium,
+    with as many points that float there.
+    """
+    first = FIRST_SEED["one_sided"][judging]
+    for points, (kind, crowd) in product(SIDE_POINTS, (("fold", False), ("crowd", True))):
+        for k, motion in zip(range(SIDE_ATRIA[judging]), cycle(FAMILIES), strict=False):
+            prior = f"lasc2018/la_{(80 if judging else 60) + 2 * k}.ply"
+            yield OneSided(f"{kind}_{points}_{first + k}", first + k, points, prior, motion, crowd)
+
+
+@dataclass(frozen=True)
 class BadlySegmented:
     """A case whose prior lacks what the truth has, by its name, and what it is made of."""
 
@@ -527,6 +562,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "unvisited": left_out,
     "whole": densely_mapped,
     "paths": along_paths,
+    "one_sided": one_sided,
     "badly_segmented": bad_priors,
     "altered": altered_cases,
 }

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from o3dls import Case, Points
+from o3dls import Case, Points, Truth
+from o3dls.arrays import Array
 
 from . import motion as moves
 from . import wall
@@ -26,6 +27,7 @@ RMS = (1.5, 2.0)  # mm, of errors along a path
 OFF = (6.0, 9.0)  # mm that points of one side float inside, or push the wall out
 SIDES = {"floating": 0.3, "tented": 0.15}  # share of the wall, on which they do
 EDGE = 6.0  # mm over which that sets in
+FOLD, CROWDED = 9.0, 0.13  # mm that a side of the wall lies farther inside, and its share of the wall
 BREATH = (8.0, 12.0)  # mm from end to end of a breath
 BODY = 1.25  # radii: what of a chamber is mapped where no vein is entered
 QUARTER = 4  # times fewer points are kept of a map that covers one region
@@ -103,19 +105,47 @@ def one_side(rng: Rng, case: Case, kind: str) -> Case:
     """On one side of the chamber the points float inside, as where a catheter does not reach, or lie outside,
     as where it pushes the wall out.
     """
+    there, outward = _one_side(rng, case, SIDES[kind])[:2]
+    depth = rng.uniform(*OFF) * (1.0 if kind == "tented" else -1.0)
+    found = with_xyz(case, case.points.xyz + depth * there[:, None] * outward)
+    return doubted(found, np.flatnonzero(there > 0.0))
+
+
+def folded(rng: Rng, case: Case) -> Case:
+    """On one side the true wall lies 9 mm farther inside than a smooth motion has it, and the points lie on
+    it.
+    """
+    there, outward, at_vertices = _one_side(rng, case, CROWDED)
+    found = with_xyz(case, case.points.xyz - FOLD * there[:, None] * outward)
+    surface = true_surface(case)
+    inward = -FOLD * at_vertices[:, None] * surface.vertex_normals
+    moved = replace(surface, vertices=surface.vertices + inward)
+    return replace(found, truth=Truth(moved, outliers=true_of(found).outliers))
+
+
+def crowded(rng: Rng, case: Case) -> Case:
+    """On one side the points float at every depth down to 18 mm, as many as `folded` has on its wall."""
+    there, outward, _ = _one_side(rng, case, CROWDED)
+    depth = rng.uniform(0.0, 2.0 * FOLD, len(there)) * there
+    found = with_xyz(case, case.points.xyz - depth[:, None] * outward)
+    return doubted(found, np.flatnonzero(there > 0.0))
+
+
+def _one_side(rng: Rng, case: Case, share: float) -> tuple[Array, Array, Array]:
+    """How far (n,) each mapping point is within one side, a share of the wall, from 0 to 1 over its edge; the
+    outward normals (n, 3) of the wall next to the points; how far (v,) the vertices of the true wall are.
+    """
     surface = true_surface(case)
     way, reach = free_side(rng, surface)
     middle = wall.body(surface)[0] + reach * way
     away = np.linalg.norm(surface.vertices - middle, axis=1)
     order = np.argsort(away)
     area = np.cumsum(wall.vertex_areas(surface)[order])
-    radius = away[order[np.searchsorted(area, SIDES[kind] * area[-1])]]
+    radius = away[order[np.searchsorted(area, share * area[-1])]]
     there = np.clip((radius - np.linalg.norm(case.points.xyz - middle, axis=1)) / EDGE, 0.0, 1.0)
     there[case.points.type != "eam"] = 0.0
     outward = surface.face_normals[surface.closest_point.query(case.points.xyz)[1]]
-    depth = rng.uniform(*OFF) * (1.0 if kind == "tented" else -1.0)
-    found = with_xyz(case, case.points.xyz + depth * there[:, None] * outward)
-    return doubted(found, np.flatnonzero(there > 0.0))
+    return there, outward, np.clip((radius - away) / EDGE, 0.0, 1.0)
 
 
 def breathing(rng: Rng, case: Case) -> Case:

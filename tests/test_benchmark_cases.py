@@ -28,6 +28,7 @@ from benchmarks.cases import find, tuned_as
             "badly_segmented_250_clustered",
             "badly_segmented_250_clustered",
         ),
+        ("crowd_1000_3301", "crowd_1000", "crowd_1000"),
         ("kit_mri_to_eam", "kit_mri_to_eam", "kit_mri_to_eam"),
     ],
 )

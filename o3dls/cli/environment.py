@@ -63,16 +63,6 @@ def delay_unused() -> None:
         setattr(import_module(package), child, module)
 
 
-def drop_docstrings() -> None:
-    """Spare scipy's import a fourth of its time: it takes the docstrings of hundreds of functions apart to
-    write them anew, which no command shows. They are lost in this process.
-    """
-    from scipy._lib import _docscrape
-
-    if hasattr(_docscrape, "NumpyDocString"):  # private: another version may do without it
-        _docscrape.NumpyDocString._parse = lambda self: None  # type: ignore[attr-defined]
-
-
 def check_environment(variables: Mapping[str, str] = os.environ) -> None:
     """Raise InputError for what a library would stumble over, or obey though nobody asked for it."""
     for name, least in WHOLE.items():

@@ -31,18 +31,16 @@ if TYPE_CHECKING:
 @progress
 def demo(out: Path, force: bool, as_json: bool) -> int:
     """Run the main job on the built-in atrium: align, deform, refine, score, report, export."""
-    from .environment import check_libraries, drop_docstrings
-
-    check_libraries()
-    drop_docstrings()
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline
     from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
+    from .environment import check_libraries
     from .progress import run_bar
 
+    check_libraries()
     plan = default_pipeline()
     with second_process(plan.folds) as pool:
         case = read_case(demo_case())
@@ -73,18 +71,16 @@ def run(
     **reading: Any,
 ) -> int:
     """Run a PIPELINE file, or without one the default pipeline with what the case allows."""
-    from .environment import check_libraries, drop_docstrings
-
-    check_libraries()
-    drop_docstrings()
     from ..errors import InputError
     from ..io.atomic import check_free
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
+    from .environment import check_libraries
     from .progress import run_bar
 
+    check_libraries()
     if pipeline and pipeline.is_dir():
         raise InputError(
             f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case "

@@ -68,7 +68,7 @@ def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> lis
 
 def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
     """Warn of a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
-    return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
+    return [*changed_volume(start, found), *crowded(fit, unit), *captured(fit), *stretched(fit, found, unit)]
 
 
 def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
@@ -161,6 +161,20 @@ def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
     amount = "volume" if start.dimension == 3 else "area"
     sentence = f"the motion changes the enclosed {amount} by a factor of {factor:.2g}: {WRONG}"
     return [RunWarning("volume-changed", sentence)]
+
+
+def crowded(fit: MotionFit, unit: str) -> list[RunWarning]:
+    """Warn of a place where most points float, and say where."""
+    data = fit.problem.data
+    if data.crowd is None or not (crowd := data.crowd > 1.0).any():
+        return []
+    off = crowd & (fit.state.weights < 0.5)
+    middle = ", ".join(f"{x:.0f}" for x in np.median(data.points[crowd], axis=0))
+    sentence = (
+        f"{off.sum()} of {crowd.sum()} points at ({middle}) {unit} float at all depths: the wall there is "
+        "that of the motion around it; take points on the wall there"
+    )
+    return [RunWarning("floating-crowd", sentence)]
 
 
 def captured(fit: MotionFit) -> list[RunWarning]:

@@ -12,7 +12,19 @@ from data_synth import Mapping, atrium, family, pose, wall
 from data_synth.altered import ALTERATIONS, LOST, MISMARKED, altered
 from data_synth.atrium import anatomy
 from data_synth.catheter import Path, walked
-from data_synth.faulty_maps import BODY, BREATH, OFF, OTHERS, SHIFTED, SIDES, SIZE
+from data_synth.faulty_maps import (
+    BODY,
+    BREATH,
+    CROWDED,
+    FOLD,
+    OFF,
+    OTHERS,
+    SHIFTED,
+    SIDES,
+    SIZE,
+    crowded,
+    folded,
+)
 from data_synth.meshing import mesh
 from data_synth.segmentation import BALL, OVERLAP, VOXEL, coarse, leaked, solid
 from o3dls import Case, InputError, Surface
@@ -122,6 +134,26 @@ def test_points_of_one_side_float_or_push_and_are_known_not_to_touch(good: Case)
         assert found.truth.surface is not None
         deepest = moved[length > 5.0]
         assert (sign * solid(found.truth.surface)(found.points.xyz[deepest]) > 0.0).mean() > 0.9
+
+
+def test_on_one_side_the_wall_is_folded_or_as_many_points_float(good: Case) -> None:
+    rng = np.random.default_rng
+    fold, crowd = folded(rng(SEED), good), crowded(rng(SEED), good)
+    assert good.truth is not None
+    assert fold.truth is not None
+    assert crowd.truth is not None
+    assert good.truth.surface is not None
+    assert fold.truth.surface is not None
+    there = (fold.points.xyz != good.points.xyz).any(axis=1)
+    assert 0.3 * CROWDED < there.mean() < 2.0 * CROWDED
+    assert (there | (crowd.points.xyz == good.points.xyz).all(axis=1)).all()  # the same points
+    on = np.setdiff1d(np.flatnonzero(there), good.truth.outliers)
+    assert distances(fold.points.xyz[on], fold.truth.surface).max() < 4.0  # noise of 1 mm, edges
+    assert distances(fold.points.xyz[on], good.truth.surface).max() > FOLD - 3.0
+    assert crowd.truth.surface is good.truth.surface
+    assert distances(crowd.points.xyz[on], good.truth.surface).max() > FOLD + 1.0
+    assert crowd.truth.outliers is not None
+    assert np.isin(np.flatnonzero(there), crowd.truth.outliers).all()
 
 
 def test_a_breath_moves_all_along_one_direction_and_landmarks_not(good: Case) -> None:
