@@ -31,7 +31,6 @@ SETTINGS: Mapping[str, type] = {
     "sidecar": str,
     "map": str,
 }
-OF_POINTS = ("units", "frame", "columns")  # settings that say how a table of points is read
 OF_PRIOR = tuple(key for key in SETTINGS if key not in ("columns", "map", "prior_of"))
 
 
@@ -80,11 +79,11 @@ def make(
         said = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
         options = {"map": chosen, "prior": prior, "landmarks": landmarks, **given}
         return {"said": [*said, *found.notes], "command": command("import", [points, name], options)}
-    from ..pipeline.new_case import make_case
+    from ..pipeline.new_case import Inputs, make_case
 
     if prior is None:
         raise InputError("prior: bring the surface, or the label volume, first")
-    make_case(name, prior, points, landmarks=landmarks, out=run, **given)
+    make_case(name, Inputs(prior, points, landmarks), out=run, **given)
     options = {"prior": prior, "points": points, "landmarks": landmarks, **given, "out": run}
     return {"said": [], "command": command("init", [name], options)}
 
