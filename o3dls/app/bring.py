@@ -31,7 +31,6 @@ SETTINGS: Mapping[str, type] = {
     "sidecar": str,
     "map": str,
 }
-OF_POINTS = ("units", "frame", "columns")  # settings that say how a table of points is read
 OF_PRIOR = tuple(key for key in SETTINGS if key not in ("columns", "map", "prior_of"))
 
 

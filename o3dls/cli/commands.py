@@ -8,7 +8,6 @@ import click
 
 from .. import __version__
 from ..errors import O3dlsError, SolverError
-from . import app as cli_app
 from . import batch as cli_batch
 from . import files as cli_files
 from . import live as cli_live
@@ -89,7 +88,7 @@ def cli() -> None:
     check_environment()
 
 
-for module in (cli_runs, cli_app, cli_batch, cli_live, cli_settings, cli_files):
+for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

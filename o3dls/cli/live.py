@@ -1,18 +1,19 @@
-"""The command `live`: a session in which points come one by one, and the surface follows."""
+"""Commands that serve pages: live, a session in which points come one by one; and app, which leads from two
+files to a judged surface.
+"""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
-from itertools import count
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
-from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, BinaryIO
+from threading import Event
+from time import sleep
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from .options import as_json
+from .options import as_json, limits
 from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ..live.host import Host
     from ..live.sources.source import Source
 
+LINK = "o3dls_app_link.html"  # in the folder while the app runs, so that the token is in no list of processes
 SOURCES = ("watch", "igtl", "replay")
 LOOK = 0.2  # seconds between two checks for the session's end; signals are handled in between
 Message = dict[str, Any]
@@ -52,6 +54,7 @@ def live(
     """
     from ..live.host import Host
     from ..live.record import default_record, open_record
+    from ..live.sources.stdin import serve_stdin
 
     _check_options(given)
     if case is None and record is None:
@@ -73,7 +76,7 @@ def live(
         with (
             _serve_page(host, tellers, port, opened=None if no_browser else record)
             if not headless
-            else _serve_stdin(host, source)
+            else serve_stdin(host, alone=source is None)
         ):
             host.begin()
             _wait_for_end(host, source, stop, ends=headless and given["replay"] is not None)
@@ -152,38 +155,6 @@ def _serve_page(
         server.close()
 
 
-@contextmanager
-def _serve_stdin(host: Host, source: Source | None) -> Iterator[None]:
-    """Do the actions that are read from stdin, a line of JSON each, while the block runs. Where nothing else
-    gives points, the end of stdin ends the session: nobody else could.
-    """
-    # a reader of its own: the interpreter aborts at its end where a thread still reads sys.stdin
-    lines = open(sys.stdin.fileno(), "rb", closefd=False)  # noqa: SIM115
-    Thread(target=_obey_lines, args=(host, lines, source is None), daemon=True).start()
-    yield
-
-
-def _obey_lines(host: Host, lines: BinaryIO, alone: bool) -> None:
-    from ..errors import InputError
-    from ..live.messages import MOST, error, parse_action
-
-    for number in count(1):
-        line = lines.readline(MOST + 1)
-        if not line:
-            break
-        while len(line) > MOST and not line.endswith(b"\n") and (rest := lines.readline(MOST)):
-            line = line[:MOST] + rest[-1:]  # what is too long is read to its end, and not kept
-        if line.strip():
-            try:
-                host.act(parse_action(line, f"line {number}"))
-            except InputError as refused:
-                host.tell(error(str(refused)))
-            except Exception as fault:  # our own mistake must not leave a session that hears nothing
-                host.tell(error(f"internal error, please report it: {type(fault).__name__}: {fault}"))
-    if alone and not host.ending:
-        host.act({"do": "end"})
-
-
 def _wait_for_end(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None:
     """Follow the source until the session has ended; where it `ends` with its source, it is ended then."""
     from ..live.sources.source import begin
@@ -240,3 +211,35 @@ def _print_event(message: Message) -> None:
 def _print_error(message: Message) -> None:
     if message["event"] == "error":
         complain(message["text"])
+
+
+@click.command()
+@click.argument("folder", type=FOLDER, default=Path())
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="of the page; 0: any that is free")
+@click.option("--no-browser", is_flag=True, help="do not open the page")
+@limits
+def app(folder: Path, port: int, no_browser: bool, timeout: float | None, memory: float | None) -> NoReturn:
+    """Open a page that leads from two files to a judged surface, without a terminal.
+
+    Files that are brought, cases and runs stay in FOLDER, by default the working folder, as the other
+    commands know them. The page is served to this machine alone, until Ctrl-C.
+    """
+    from ..app.desk import Desk
+    from ..app.routes import most_bytes, routes_of
+    from ..pipeline.supervision import Limits
+    from ..web.link import led_to
+    from ..web.server import LocalServer
+    from .environment import check_libraries
+
+    check_libraries()
+    bounds = Limits(timeout, int(memory) if memory else None)
+    with (
+        closing(Desk(folder, bounds)) as desk,
+        closing(LocalServer(routes_of(desk), "app", most_bytes, port)) as server,
+        nullcontext() if no_browser else led_to(server.url, folder, LINK) as leads,
+    ):
+        say(server.url, error=True)
+        if leads:
+            click.launch(str(leads))
+        while True:
+            sleep(LOOK)

@@ -8,6 +8,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
@@ -17,7 +18,7 @@ from ..errors import Doubt, O3dlsError
 from .rules import HEADERS, PATIENCE, Refusal, check_sender, check_token, cookie_line
 
 LONGEST = 20  # digits of a length; Python reads a number of at most 4300
-DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
+DRAIN, HEARD = 1_000_000, 1.0  # bytes of a refused body that are read, and seconds in which they come
 READS = ("GET", "HEAD")
 log = logging.getLogger("o3dls")
 
@@ -38,11 +39,13 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             return  # websockets and the like are not spoken here
-        answered = _Answered(send)
+        answered, body = _Answered(send), _Body(receive)
         try:
             answered.cookie = self._check_request(scope)
-            await self._app(scope, await self._bound_body(scope, receive), answered)
+            self._check_length(scope)
+            await self._app(scope, body, answered)
         except Refusal as refusal:
+            await body.drain()
             await answered.refuse(refusal.status, {"error": str(refusal)})
         except Doubt as doubt:
             asked = {"doubt": doubt.record()} if doubt.answers else {}  # nobody can be asked without answers
@@ -64,49 +67,43 @@ class Guard:
         check_token(self._command, self._port, self._token, given if home else "", headers.get("cookie", ""))
         return cookie_line(self._command, self._port, self._token) if home else None
 
-    async def _bound_body(self, scope: Scope, receive: Receive) -> Receive:
-        """Return what gives the body in pieces, each within its time. Raises Refusal for a length that is not
-        said, or is too large.
-        """
+    def _check_length(self, scope: Scope) -> None:
+        """Raise Refusal for a body whose length is not given, or is too large."""
         headers = Headers(scope=scope)
         if scope["method"] in READS and "transfer-encoding" not in headers:
-            return receive
+            return
         length = headers.get("content-length", "")
         if not (length.isascii() and length.isdecimal()):
             raise Refusal(411, "a body must have a length")
         most = self._most(scope["path"])
         if len(length) > LONGEST or int(length) > most:
-            await _drain(receive)
             raise Refusal(413, f"what is sent here may have {most} bytes")
-        done = False
-
-        async def pieces() -> Message:
-            nonlocal done
-            if done:
-                return await receive()  # waits for the page to go away
-            try:
-                async with asyncio.timeout(PATIENCE):
-                    piece = await receive()
-            except TimeoutError:
-                raise Refusal(408, "a body must be as long as its Content-Length says") from None
-            done = not piece.get("more_body", False)
-            return piece
-
-        return pieces
 
 
-async def _drain(receive: Receive) -> None:
-    """Read a part of a body that is not wanted, within the time of one piece."""
-    left = DRAIN
-    try:
-        async with asyncio.timeout(PATIENCE):
-            while left > 0:
-                piece = await receive()
-                left -= len(piece.get("body", b""))
-                if not piece.get("more_body", False):
-                    return
-    except TimeoutError:
-        return
+class _Body:
+    """This is the way of a body here, in pieces of which each must come within its time."""
+
+    def __init__(self, receive: Receive) -> None:
+        self._receive, self._done = receive, False
+
+    async def __call__(self) -> Message:
+        if self._done:
+            return await self._receive()  # waits for the page to go away
+        try:
+            async with asyncio.timeout(PATIENCE):
+                piece = await self._receive()
+        except TimeoutError:
+            raise Refusal(408, "a body must be as long as its Content-Length says") from None
+        self._done = not piece.get("more_body", False)
+        return piece
+
+    async def drain(self) -> None:
+        """Read a part of what is not wanted: a page hears why it is refused once it has been heard."""
+        left = DRAIN
+        with suppress(TimeoutError, Refusal):
+            async with asyncio.timeout(HEARD):
+                while left > 0 and not self._done:
+                    left -= len((await self()).get("body", b""))
 
 
 class _Answered:

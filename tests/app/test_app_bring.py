@@ -194,14 +194,17 @@ def test_a_server_that_is_killed_leaves_nothing_half_made(tmp_path: Path) -> Non
         assert process.stderr is not None
         url = process.stderr.readline().strip()
         _begin_run(url)
+        half = _begin_upload(url)
         time.sleep(4.0)  # somewhere in the run
+        assert list((work / "files").glob(".half.csv*"))
         process.kill()
-    (work / "files" / f".half.csv.partial-{process.pid:x}@00000000-ab.csv").write_text("x")
+    half.close()
     end = time.monotonic() + 20.0
     while found := [path for path in (work / "runs").glob("*") if not path.name.endswith(".failed.log")]:
         assert time.monotonic() < end, found
         time.sleep(0.2)
     with served(work) as app:
+        assert sorted(path.name for path in (work / "files").iterdir()) == sorted(FILES.values())
         assert app.desk.shelf.listed()["runs"] == []
         assert app.act("/fuse", {"case": "cases/one", "preset": "quick"}) == {"run": "runs/one-quick"}
         assert app.act("/cancel", {}) == {"ok": True}
@@ -209,19 +212,31 @@ def test_a_server_that_is_killed_leaves_nothing_half_made(tmp_path: Path) -> Non
         assert app.desk.job.record()["state"] == "cancelled"
 
 
-def _begin_run(url: str) -> None:
+def _ask_as_page(url: str) -> tuple[str, dict[str, str]]:
+    """The host of a link, and the headers of its page."""
     found = re.fullmatch(r"http://(127.0.0.1:(\d+))/\?token=(.*)", url)
     assert found
     host, port, token = found.groups()
-    headers = {
-        "Cookie": f"o3dls_app_{port}={token}",
-        "Origin": f"http://{host}",
-        "Content-Type": "application/json",
-    }
+    cookie = f"o3dls_app_{port}={token}"
+    return host, {"Cookie": cookie, "Origin": f"http://{host}", "Content-Type": "application/json"}
+
+
+def _begin_run(url: str) -> None:
+    host, headers = _ask_as_page(url)
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.request("POST", "/fuse", json.dumps({"case": "cases/one", "preset": "quick"}), headers)
-    answer = connection.getresponse()
-    assert json.loads(answer.read()) == {"run": "runs/one-quick"}
+    assert json.loads(connection.getresponse().read()) == {"run": "runs/one-quick"}
+
+
+def _begin_upload(url: str) -> http.client.HTTPConnection:
+    """Send half of a file."""
+    host, headers = _ask_as_page(url)
+    connection = http.client.HTTPConnection(host, timeout=30)
+    connection.putrequest("PUT", "/files/half.csv")
+    for key, value in {**headers, "Content-Length": "1000"}.items():
+        connection.putheader(key, value)
+    connection.endheaders(b"x" * 500)
+    return connection
 
 
 def test_a_doubt_says_its_advice_to_who_reads_and_its_answers_to_who_is_asked() -> None:

@@ -96,7 +96,7 @@ def test_the_link_leaves_a_cookie_that_no_script_reads_and_no_other_page_does(ap
 def test_a_body_that_is_too_long_or_no_action_is_refused(
     app: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard, "PATIENCE", 0.2)
+    monkeypatch.setattr(guard, "HEARD", 0.2)
     assert most_bytes("/files/a") == LARGEST_FILE
     for method, path in every_route(app):
         if method == "GET":
@@ -104,12 +104,18 @@ def test_a_body_that_is_too_long_or_no_action_is_refused(
         assert app.ask(method, path, None, Content_Length=None, Transfer_Encoding="chunked")[0] == 411
         status, text, _ = app.ask(method, path, b"{}", Content_Length=str(LARGEST_FILE + 1))
         assert (status, "may have" in text) == (413, True), (method, path)
-        assert app.ask(method, path, b"{}", Content_Length="9" * 400)[0] == 400
+        assert app.ask(method, path, None, Content_Length="9" * 400)[0] == 400
         if method == "POST":
             assert app.ask(method, path, b"[" * 50_000)[0] == 400
             assert app.ask(method, path, b"[1]")[0] == 400
             assert app.ask(method, path, b"{}", Content_Type="text/plain")[0] == 415
-            assert app.ask(method, path, b" " * (MOST + 1))[0] == 413
+
+
+def test_who_sends_too_much_hears_why(app: Served) -> None:
+    for method, path in every_route(app):
+        if method == "POST":
+            status, text, _ = app.ask(method, path, b" " * (MOST + 1))
+            assert (status, f"may have {MOST} bytes" in text) == (413, True), path
 
 
 def test_other_methods_and_other_paths_are_refused(app: Served) -> None:

@@ -24,7 +24,6 @@ import numpy as np
 import pytest
 
 from o3dls.cli.commands import run_command
-from o3dls.cli.live import _obey_lines
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
@@ -34,6 +33,7 @@ from o3dls.live.journal import read_journal
 from o3dls.live.messages import Message, action
 from o3dls.live.record import open_record
 from o3dls.live.session import actions_of
+from o3dls.live.sources.stdin import obey_lines
 from o3dls.pipeline.file import default_pipeline
 from tests.live.desk import until
 from tests.tiny import ball_case
@@ -309,7 +309,7 @@ def test_a_line_that_is_no_action_is_refused_and_the_next_is_heard(bad: bytes) -
             told.append(message)
 
     lines = BytesIO(bad + b'\n\n{"do": "take", "xyz": [1, 2, 3]}\n{"do": "end"}')
-    _obey_lines(Host(), lines, alone=True)  # type: ignore[arg-type]
+    obey_lines(Host(), lines, alone=True)  # type: ignore[arg-type]
     assert [one["event"] for one in told] == ["error"]
     assert "internal" not in told[0]["text"]
     assert len(told[0]["text"]) < 400
