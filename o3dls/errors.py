@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 
 class O3dlsError(Exception):
@@ -37,7 +36,7 @@ class Doubt(InputError):
         super().__init__(f"{said}; {advice}" if advice else said)
         self.question, self.answers = said, tuple(answers)
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Return question and answers as plain values."""
         answers = [{"words": one.words, "settings": dict(one.settings)} for one in self.answers]
         return {"question": self.question, "answers": answers}

@@ -12,6 +12,7 @@ the error in the wall stays, that along the normal has the deviation s, and both
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,9 @@ class SurfaceSamples:
 
     def __getitem__(self, k: int) -> Surface:
         return self.surface.with_vertices(self.vertices[k])
+
+    def __iter__(self) -> Iterator[Surface]:
+        return map(self.surface.with_vertices, self.vertices)
 
 
 def wall_covariance(surface: Surface, posterior: WallPosterior, sd: Array | None) -> Array:
