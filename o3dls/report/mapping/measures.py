@@ -63,7 +63,9 @@ def measure_run(
     )
     values = surface.fields.get(column) if parts.thresholds else None
     if values is None and below:
-        raise InputError(f"{folder}: its points have no column '{column}', so there is no area below a threshold")
+        raise InputError(
+            f"{folder}: its points have no column '{column}', so there is no area below a threshold"
+        )
     return subject, measure_samples(estimate.samples(samples, seed), parts, values)
 
 
