@@ -52,7 +52,7 @@ CODES: Mapping[str, str] = {
     "parts-lost": "parts of the moved prior are missing in the mesh",
     # the end of a run
     "stage-rejected": "the last estimate is farther from left-out points than an earlier one, which is final",
-    "stage-kept": "the last estimate is farther from left-out points than an earlier one, and kept as asked",
+    "stage-kept": "the last estimate is farther from left-out points than an earlier one, and kept",
     # a stage of another package
     "other": "a stage outside of o3dls gives this warning; its sentence says what it means",
 }

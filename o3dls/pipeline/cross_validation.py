@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -132,14 +132,20 @@ def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, LeftOu
 
 
 def ending(
-    chain: Sequence[str], left_out: Mapping[str, LeftOut], case: Case, *, keep_last: bool = False
+    chain: Sequence[str],
+    left_out: Mapping[str, LeftOut],
+    case: Case,
+    faulty: Collection[str] = (),
+    *,
+    keep_last: bool = False,
 ) -> tuple[str, list[RunWarning]]:
     """Return the name of the estimate that a run ends with; and, where the last is rejected, or kept because
     `keep_last` says so, a warning that says why.
 
     chain: the last estimate and those that it started from, last first; left_out: by estimate, how the eam
     points of the case lie to what was fitted without them. The last is rejected where another is
-    closer in the mean, by more than nobody minds, and the 95 % interval of the difference leaves out zero.
+    closer in the mean, by more than nobody minds, and the 95 % interval of the difference leaves out zero;
+    but never for one of the faulty ones, whose surface is not valid, where its own is.
     """
     last = chain[0]
     known = {name: left_out[name].distance for name in chain if name in left_out}
@@ -150,9 +156,10 @@ def ending(
     if not (farther.low > 0.0 and farther.second > MINDED * farther.first):
         return last, []
     said = _describe_harm(last, best, farther, case.units)
-    if keep_last:
-        why = f"{said}: it is the result all the same, as keep_last says"
-        return last, [RunWarning("stage-kept", why, last)]
+    flawed = best in faulty and last not in faulty
+    if keep_last or flawed:
+        reason = f"the surface of {best} is not valid" if flawed else "keep_last says so"
+        return last, [RunWarning("stage-kept", f"{said}: it is the result all the same, as {reason}", last)]
     return best, [RunWarning("stage-rejected", f"{said}: the result is {best}", last)]
 
 

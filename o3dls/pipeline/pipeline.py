@@ -6,7 +6,7 @@ Each makes an estimate from an earlier one, and every estimate is kept and score
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -132,10 +132,6 @@ class Pipeline:
             pool.shutdown(wait=False)  # not waited for: a process takes its time to end
         corrected = estimates[self.names[-1]].corrected(case)
         chain = self.chain(self.names[-1])[:-1]
-        final, warnings = ending(chain, left_out, corrected, keep_last=self.keep_last)
-        for warning in warnings:
-            log.warning("%s", warning.sentence)
-        estimates = _warned(estimates, warnings)
         run = scored(
             corrected,
             estimates,
@@ -143,6 +139,11 @@ class Pipeline:
             left_out=left_out,
             pipeline=self.record(),
         )
+        faulty = {name for name in chain if run.faults_of(name)}
+        final, warnings = ending(chain, left_out, corrected, faulty, keep_last=self.keep_last)
+        for warning in warnings:
+            log.warning("%s", warning.sentence)
+        run = replace(run, estimates=_warned(run.estimates, warnings))
         made_in = run.provenance.model_copy(update={"seconds": perf_counter() - begin})
         run = warned_of_far_points(replace(run, ends_with=final))
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
@@ -252,6 +253,6 @@ class Pipeline:
         return read_case(self.case)
 
 
-def _warned(estimates: dict[str, Estimate], warnings: Sequence[RunWarning]) -> dict[str, Estimate]:
+def _warned(estimates: Mapping[str, Estimate], warnings: Sequence[RunWarning]) -> dict[str, Estimate]:
     """Return the estimates, each with further warnings."""
     return {name: replace(one, warnings=(*one.warnings, *warnings)) for name, one in estimates.items()}

@@ -262,6 +262,19 @@ def test_a_run_ends_with_an_earlier_estimate_where_left_out_points_clearly_prefe
     assert ending(["wall", "motion"], {}, case) == ("wall", [])  # without folds nothing is rejected
 
 
+def test_a_run_ends_with_no_surface_that_is_not_valid_where_its_last_one_is() -> None:
+    case = ball_case()
+    motion = np.abs(np.random.default_rng(310_414).normal(1.5, 0.3, int((case.points.type == "eam").sum())))
+    gaps = {"motion": motion, "wall": 1.5 * motion}
+    left_out = {name: LeftOut(gap, np.full(len(gap), np.nan)) for name, gap in gaps.items()}
+    chain = ["wall", "motion"]
+    assert ending(chain, left_out, case)[0] == "motion"
+    kept, (why,) = ending(chain, left_out, case, {"motion"})
+    assert (kept, why.code) == ("wall", "stage-kept")
+    assert "the surface of motion is not valid" in why.sentence
+    assert ending(chain, left_out, case, {"motion", "wall"})[0] == "motion"
+
+
 @pytest.mark.parametrize(("harm", "final"), [(1.01, "wall"), (1.06, "motion")])
 def test_what_is_as_much_farther_at_all_points_as_nobody_minds_stays(harm: float, final: str) -> None:
     """A mesh that was made anew lies a hundredth of a millimetre elsewhere: no chance, and nothing."""
