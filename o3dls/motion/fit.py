@@ -173,6 +173,8 @@ def _run_past_crowds(problem: MotionProblem) -> Iterated:
     that outliers lie together is no reason to change anything else.
     """
     run, wall = _iterate_rounds(problem, begin(problem)), ~problem.data.inside
+    if problem.data.crowd is not None:  # it is known already where there is one
+        return run
     points = problem.data.points[wall]
     afloat = (1.0 - run.state.weights[wall]) * (_look_from(points, problem, run.state)[0] < 0.0)
     crowds = possible_crowds(points, afloat, problem.settings.crowds)

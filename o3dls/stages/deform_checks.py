@@ -166,7 +166,7 @@ def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
 def crowded(fit: MotionFit, unit: str) -> list[RunWarning]:
     """Warn of a place where most points float, and say where."""
     data = fit.problem.data
-    if data.crowd is None:
+    if data.crowd is None or data.crowd.max() <= 1.0:
         return []
     off = (crowd := data.crowd > 1.0) & (fit.state.weights < 0.5)
     middle = ", ".join(f"{x:.0f}" for x in np.median(data.points[crowd], axis=0))
