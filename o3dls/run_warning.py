@@ -33,7 +33,6 @@ CODES: Mapping[str, str] = {
     "sigma-missing": "some points have no sigma",
     # motion: the result
     "many-outliers": "more than half of the points are judged to be outliers",
-    "floating-crowd": "most points of one place float, and the wall there is not shown by them",
     "captured-points": "points far from the wall at the start lie on it after the motion",
     "stretched-wall": "a part of the wall is stretched to twice its length or more",
     "volume-changed": "the motion changes the volume more than a heartbeat can",
@@ -73,7 +72,6 @@ GRADES: Mapping[str, Grade] = {
     "landmark-swapped-place": "amber",
     "sigma-range": "amber",
     "many-outliers": "bad",
-    "floating-crowd": "amber",
     "captured-points": "amber",
     "stretched-wall": "amber",
     "volume-changed": "amber",

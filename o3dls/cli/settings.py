@@ -18,13 +18,7 @@ from .words import DONE, NOT_VALID, say, say_json, say_lines
 
 # The classes of each package's module `settings`; each holds those of its parts.
 CLASSES = {
-    "noise": (
-        "ContactSettings",
-        "CrowdSettings",
-        "MixtureSettings",
-        "DuplicateSettings",
-        "CurvedWallSettings",
-    ),
+    "noise": ("ContactSettings", "MixtureSettings", "DuplicateSettings", "CurvedWallSettings"),
     "motion": ("MotionSettings", "TemplateSettings"),
     "levelset": ("LatticeSettings", "PaperSettings"),
     "reconstruction": ("ReconstructionSettings",),

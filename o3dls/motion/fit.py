@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain, count
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..geometry.differential import unit_mean, vertex_normals
-from ..noise.crowds import possible_crowds
-from ..parallel import both, each, one_blas_thread
+from ..parallel import both, once, one_blas_thread
 from .field.observations import Data
 from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
@@ -49,6 +50,46 @@ def fit_motion(
         return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 
+class TrialFit:
+    """A trial fit compares the energies of one surface and another: its rounds are run as they are asked for,
+    until the surface stands still or the energy does, without what `fit_motion` weighs after them. Parameters
+    and errors as there.
+    """
+
+    def __init__(
+        self, vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
+    ) -> None:
+        self._problem = once(lambda: motion_problem(vertices, faces, pose, data, settings))
+        self._rounds = self._start_rounds(settings.selection.steady_energy)
+        self._tuned = min(settings.iteration.tune_at)
+        self._energies: list[float] = []
+        self._lock = Lock()
+
+    def _start_rounds(self, steady: float) -> Iterator[Round]:
+        problem = self._problem()
+        yield from _run_rounds(problem, begin(problem), enough=steady)
+
+    def energy(self, k: int) -> float:
+        """Return the free energy (nats) of round k, or of the last one, if that was earlier; several threads
+        may ask.
+        """
+        with self._lock, one_blas_thread():
+            while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
+                self._energies.append(reached.record["energy"])
+        return self._energies[min(k, len(self._energies) - 1)]
+
+    def lead(self, other: TrialFit, least: float, early: tuple[int, ...]) -> float:
+        """Return by how much (nats) this fit's last energy is below the other's; or that of a round, the
+        first of some `early` ones and of those after tuning in which it is less than `least`.
+        """
+        for k in chain(early, count(self._tuned + 1)):
+            own, others = both(partial(self.energy, k), partial(other.energy, k))
+            found = others - own
+            if found < least or k >= max(len(self._energies), len(other._energies)):
+                break
+        return found
+
+
 def settled(problem: MotionProblem) -> Iterated:
     """Run the rounds of a problem from nothing until the surface stands still. Raises SolverError as
     `fit_motion`.
@@ -66,7 +107,6 @@ def _fit_from_nothing(
     some = data.part(settings.iteration.most_points)
     if len(some) < len(data.points):
         first = _fit_from_nothing(vertices, faces, pose, data.at(some), settings)
-        data = data.with_crowd_of(first.problem.data)
         fit = _continue_fit(first, data, some, settings.iteration.rounds_with_all)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + settings.selection.pose_corrections):
@@ -111,36 +151,31 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
     distances from the surface as it is.
     """
     weights, state = data.trusted, earlier.state
+    faces = earlier.problem.faces
     new = ~data.inside
     new[known] = False
     weights[known] = state.weights
     if new.any():
-        outward, corners, bary = _look_from(data.points[new], earlier.problem, state)
+        surface = earlier.problem.tree.at(state.moved)
+        _, face, foot, bary = surface.query(data.points[new])
+        corners = faces[face]
+        normals = unit_mean(vertex_normals(state.moved, faces), corners, bary)
+        outward = ((data.points[new] - foot) * normals).sum(axis=1)
         own = state.scales.errors(data.group[new], data.relative[new])
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
         weights[new], _ = earlier.problem.contacts(outward, variance, data.outlier_odds[new], state.contact)
     return weights
 
 
-def _look_from(points: Array, problem: MotionProblem, state: State) -> tuple[Array, Ints, Array]:
-    """Return how far (n,) points lie outside the wall as it is, and the corners (n, d) and weights (n, d) of
-    their feet on it.
-    """
-    _, face, foot, bary = problem.tree.at(state.moved).query(points)
-    corners = problem.faces[face]
-    normals = unit_mean(vertex_normals(state.moved, problem.faces), corners, bary)
-    return ((points - foot) * normals).sum(axis=1), corners, bary
-
-
 def _run_and_preference(problem: MotionProblem) -> tuple[Iterated, Preference]:
     """Return the likeliest run and what the points prefer to it. Mostly the first run stays: that is asked
     of it while the other one is under way.
     """
-    run = _run_past_crowds(problem)
+    run = _iterate_rounds(problem, begin(problem))
     suspect = leverage_points(run)
     if not suspect.any():
         return run, preferred(run)
-    preference, other = both(partial(preferred, run), partial(_without_at_first, run.problem, suspect))
+    preference, other = both(partial(preferred, run), partial(_without_at_first, problem, suspect))
     likelier = _likelier_run(run, other, suspect)
     return likelier, preferred(likelier) if likelier.state is other.state else preference
 
@@ -149,9 +184,9 @@ def _likeliest_run(problem: MotionProblem) -> Iterated:
     """Iterate; where points may have pulled the wall out, begin without them, take them in again, and return
     that run if it is clearly likelier.
     """
-    run = _run_past_crowds(problem)
+    run = _iterate_rounds(problem, begin(problem))
     suspect = leverage_points(run)
-    return _likelier_run(run, _without_at_first(run.problem, suspect), suspect) if suspect.any() else run
+    return _likelier_run(run, _without_at_first(problem, suspect), suspect) if suspect.any() else run
 
 
 def _likelier_run(run: Iterated, other: Iterated, suspect: Mask) -> Iterated:
@@ -161,54 +196,10 @@ def _likelier_run(run: Iterated, other: Iterated, suspect: Mask) -> Iterated:
     behind = energy_with_strain(other) - energy_with_strain(run)
     count = float(suspect.sum())
     if behind < -run.problem.settings.selection.decisive:
-        return replace(other, facts={**run.facts, "excluded_points": count})
+        return replace(other, facts={"excluded_points": count})
     apart = float(np.linalg.norm(other.state.moved - run.state.moved, axis=1).mean())
     facts = {"alternative_excluded": count, "alternative_behind": behind, "alternative_apart": apart}
-    return replace(run, facts={**run.facts, **facts})
-
-
-def _run_past_crowds(problem: MotionProblem) -> Iterated:
-    """Iterate; where many points of a place float inside, iterate again with the wall elsewhere and most of
-    them expected to float, and return that run if it is clearly likelier and its wall is another one there:
-    that outliers lie together is no reason to change anything else.
-    """
-    run, wall = _iterate_rounds(problem, begin(problem)), ~problem.data.inside
-    if problem.data.crowd is not None:  # it is known already where there is one
-        return run
-    points = problem.data.points[wall]
-    afloat = (1.0 - run.state.weights[wall]) * (_look_from(points, problem, run.state)[0] < 0.0)
-    crowds = possible_crowds(points, afloat, problem.settings.crowds)
-    others = each(partial(_run_beside, problem, wall), crowds)
-    best = min(others, key=energy_with_strain, default=run)
-    ahead = energy_with_strain(run) - energy_with_strain(best)
-    if ahead < problem.settings.selection.decisive:
-        return run
-    least = problem.settings.crowds.apart * float(run.state.scales.noises[0])
-    return best if _apart_at_crowd(run, best) > least else run
-
-
-def _apart_at_crowd(run: Iterated, other: Iterated) -> float:
-    """Return how far the walls of two runs are apart in the mean at the crowd of the other one."""
-    data, tree = other.problem.data, other.problem.tree
-    assert data.crowd is not None
-    feet = tree.at(other.state.moved).query(data.points[data.crowd > 1.0])[2]
-    return float(np.sqrt(tree.at(run.state.moved).query(feet)[0]).mean())
-
-
-def _run_beside(problem: MotionProblem, wall: Mask, crowd: Mask) -> Iterated:
-    """Return the run that begins without a crowd of the points at the wall, and then expects of each of its
-    points that it floats.
-    """
-    known, factors = problem.settings.crowds, np.ones(len(wall))
-    factors[wall] = np.where(crowd, problem.settings.leverage.exclusion_odds, 1.0)
-    without = replace(problem, data=replace(problem.data, crowd=factors))
-    first = _iterate_rounds(without, begin(without))
-    usual = first.state.contact.outlier_fraction
-    odds = known.floating / (1.0 - known.floating) * (1.0 - usual) / usual
-    factors = np.where(factors > 1.0, odds, 1.0)
-    beside = replace(problem, data=replace(problem.data, crowd=factors))
-    run = _iterate_rounds(beside, first.state.without_history(), anneal=False)
-    return replace(run, trace=(*first.trace, *run.trace), facts={"crowd_points": float(crowd.sum())})
+    return replace(run, facts=facts)
 
 
 def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:
@@ -231,12 +222,12 @@ class Round(NamedTuple):
 def _iterate_rounds(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
     """Run rounds until the surface stands still: from nothing, or without annealing from an earlier state."""
     trace: list[dict[str, float]] = []
-    for last in run_rounds(problem, state, anneal=anneal):
+    for last in _run_rounds(problem, state, anneal=anneal):
         trace.append(last.record)
     return Iterated(problem, last.state, last.solved, tuple(trace), trace[-1]["step"])
 
 
-def run_rounds(
+def _run_rounds(
     problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0
 ) -> Iterator[Round]:
     """Yield rounds until the surface stands still, or the energy changes by less than `enough` (nats)."""

@@ -180,8 +180,6 @@ def sentence(fit: MotionFit, unit: str, later: int = 0) -> str:
         ]
     if length := facts["smoothing_length"]:
         found += [f"the prior is rougher than the wall and was smoothed over {length:.2g} {unit}"]
-    if crowd := int(facts.get("crowd_points", 0)):
-        found += [f"{crowd} points lie where most float, and the wall was sought beside them"]
     if excluded := int(facts.get("excluded_points", 0)):
         found += [f"{excluded} points that seemed to pull the wall outward were left out at first"]
     if folded := int(facts["folded_faces"]):

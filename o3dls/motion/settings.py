@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..noise.settings import ContactSettings, CrowdSettings
+from ..noise.settings import ContactSettings
 from ..settings import number
 from .drift_settings import DriftSettings
 from .map_shift_settings import MapShiftSettings
@@ -228,7 +228,6 @@ class MotionSettings:
     selection: SelectionSettings = field(default_factory=SelectionSettings)
     leverage: LeverageSettings = field(default_factory=LeverageSettings)
     contact: ContactSettings = field(default_factory=ContactSettings)
-    crowds: CrowdSettings = field(default_factory=CrowdSettings)
     map_shift: MapShiftSettings = field(default_factory=MapShiftSettings)
     drift: DriftSettings = field(default_factory=DriftSettings)
     inflation: float = number(
@@ -256,4 +255,6 @@ class TemplateSettings:
         4, "phases", "fewer phases than this do not show how far one lies off the path through them"
     )
     most_samples: int = number(400, "points", "most points of a phase to which the prior is registered")
-    settled: float = number(3e-4, "rms radii", "longest step of a vertex below which it stands still")
+    settled: float = number(
+        3e-4, "rms radii", "longest step of a vertex below which the template stands still"
+    )

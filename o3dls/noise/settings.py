@@ -54,25 +54,6 @@ class ContactSettings:
 
 
 @dataclass(frozen=True)
-class CrowdSettings:
-    """These settings say where so many points float together that the wall is not to be sought among them."""
-
-    neighbours: int = number(32, "points", "number of nearest others by which a place is judged")
-    seed: float = number(
-        0.4, "1", "share of neighbours that float, above which a crowd is tried: outliers are 2 to 20 %"
-    )
-    least: int = number(10, "points", "smallest number of such points that are tried")
-    shares: tuple[float, ...] = number(
-        (0.25, 0.15, 0.1), "1", "shares of neighbours that float at the rim of the crowds that are tried"
-    )
-    majority: float = number(0.5, "1", "share of the points above which a crowd would be the map itself")
-    floating: float = number(0.9, "1", "share of a crowd that is expected to float")
-    apart: float = number(
-        0.5, "noise levels", "least mean distance between the walls at a crowd, with and without it"
-    )
-
-
-@dataclass(frozen=True)
 class CurvedWallSettings:
     """These settings say how far the curvature of a wall is believed."""
 

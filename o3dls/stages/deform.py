@@ -44,6 +44,8 @@ class Deform(DeformParameters):
     name: ClassVar[str] = "deform"
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..motion.drift import fit_with_drift
+
         data = observed(case, self)
         if not (data.group == 0)[~data.inside].any():
             raise InputError(f"deform: case {case.name} has no points of type eam")
@@ -58,7 +60,7 @@ class Deform(DeformParameters):
             fits = [best := self._fit_motion(case, pose, observed(case, self))]
         independent = best
         if self.shared_errors == "find":
-            best = self._share_errors(case, best)
+            best = fit_with_drift(best) or best
         found = _describe_fit(case, best, len(best.problem.data.points))
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
@@ -99,19 +101,6 @@ class Deform(DeformParameters):
         from ..motion.fit import fit_motion
 
         return fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier)
-
-    def _share_errors(self, case: Case, fit: MotionFit) -> MotionFit:
-        """Return the fit with errors that go together, where there are any. Such errors look like a crowd of
-        floating points, so that where they are found there is none.
-        """
-        from ..motion.drift import fit_with_drift
-
-        found, data = fit_with_drift(fit), fit.problem.data
-        if found is None or data.crowd is None:
-            return found or fit
-        none = replace(data, crowd=np.ones(len(data.points)))
-        alone = self._fit_motion(case, fit.problem.pose, none)
-        return fit_with_drift(alone) or alone
 
     def _find_shift(self, fit: MotionFit, start: Estimate) -> tuple[MapShift | None, Array]:
         """Return the part of the map that is shifted, and the pose without it; no part if nobody asks or an

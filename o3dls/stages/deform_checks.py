@@ -68,7 +68,7 @@ def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> lis
 
 def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
     """Warn of a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
-    return [*changed_volume(start, found), *crowded(fit, unit), *captured(fit), *stretched(fit, found, unit)]
+    return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
 
 
 def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
@@ -163,18 +163,6 @@ def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
     return [RunWarning("volume-changed", sentence)]
 
 
-def crowded(fit: MotionFit, unit: str) -> list[RunWarning]:
-    """Warn of a place where most points float, and say where."""
-    data = fit.problem.data
-    if data.crowd is None or data.crowd.max() <= 1.0:
-        return []
-    off = (crowd := data.crowd > 1.0) & (fit.state.weights < 0.5)
-    middle = ", ".join(f"{x:.0f}" for x in np.median(data.points[crowd], axis=0))
-    many = f"{off.sum()} of {crowd.sum()} points at ({middle}) {unit} float at all depths"
-    todo = "the wall there is that of the motion around it; take points on the wall there"
-    return [RunWarning("floating-crowd", f"{many}: {todo}")]
-
-
 def captured(fit: MotionFit) -> list[RunWarning]:
     """Warn if the wall seems to follow points that do not touch it."""
     from ..motion.leverage_points import captured_points
@@ -226,7 +214,8 @@ def _warn_of_sigma(points: Points, unit: str) -> list[RunWarning]:
     given = sigma[np.isfinite(sigma)]
     if len(given) == 0:
         return []
-    found, missing = list[RunWarning](), len(sigma) - len(given)
+    found = list[RunWarning]()
+    missing = len(sigma) - len(given)
     if given.max() > UNITS_APART * given.min():
         sentence = f"sigma ranges from {given.min():.2g} to {given.max():.2g}: are all values in {unit}?"
         found.append(RunWarning("sigma-range", sentence))
@@ -242,17 +231,19 @@ def _small_components(prior: Surface) -> list[RunWarning]:
     from ..geometry.components import SMALL_COMPONENT, component_areas
 
     _, areas = component_areas(prior)
-    if not (small := int((areas[areas > 0.0] < SMALL_COMPONENT * areas.max()).sum())):
+    small = int((areas[areas > 0.0] < SMALL_COMPONENT * areas.max()).sum())
+    if not small:
         return []
-    many = f"{small} small components" if small > 1 else "a small component"
-    sentence = f"the prior has {many} that points may be assigned to: remove what does not belong to the wall"
+    some = f"{small} small components" if small > 1 else "a small component"
+    sentence = f"the prior has {some} that points may be assigned to: remove what does not belong to the wall"
     return [RunWarning("small-components", sentence)]
 
 
 def _warn_of_duplicates(data: Data, unit: str) -> list[RunWarning]:
     """Warn if mapping points share a place: they are no new evidence."""
     place = np.asarray(data.mapping)
-    if not (more := len(place) - len(np.unique(place))):
+    more = len(place) - len(np.unique(place))
+    if not more:
         return []
     near = f" or lie within {data.duplicate_distance:.2g} {unit} of it, too close for independent noise"
     others = f"the place of another{near if data.duplicate_distance else ''}"

@@ -37,7 +37,7 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
     points = every.select(rows)
     _, marks_prior, marks_map = trusted_pairs(case)
     keep = slice(None) if stage.landmarks else slice(0)
-    data = Data(
+    return Data(
         points=points.xyz,
         group=(points.type == "ablation").astype(np.int64),
         relative=every.relative_noise(typical)[rows],
@@ -53,7 +53,6 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         moment=moments_of(points.columns, points.type),
         isolation=_isolation_factors(points, size),
     )
-    return data if before is None else data.with_crowd_of(before)
 
 
 def _isolation_factors(points: Points, size: float) -> Array:

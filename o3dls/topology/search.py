@@ -21,7 +21,7 @@ from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
 from ..motion.drift import fit_with_drift
 from ..motion.field.observations import Data
-from ..motion.fit import fit_motion
+from ..motion.fit import TrialFit, fit_motion
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
 from ..parallel import both, each
@@ -29,7 +29,6 @@ from .change import Change, changed
 from .cuts import removals
 from .observation import Measured, Noise, observe
 from .settings import TopologySettings
-from .trial_fit import TrialFit
 from .tubes import growth
 from .wall import Wall
 

@@ -19,7 +19,7 @@ from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
-from o3dls.motion.fit import fit_motion, settled
+from o3dls.motion.fit import TrialFit, fit_motion, settled
 from o3dls.motion.problem import motion_problem
 from o3dls.motion.result import MotionFit
 from o3dls.topology.change import Change, body_radius, changed
@@ -27,7 +27,6 @@ from o3dls.topology.cuts import removals
 from o3dls.topology.observation import Measured, Noise, observe
 from o3dls.topology.search import TopologySearch, before_motion, change_topology, posed_prior
 from o3dls.topology.settings import TopologySettings
-from o3dls.topology.trial_fit import TrialFit
 from o3dls.topology.tube_cost import Foot, cone
 from o3dls.topology.tubes import _stands_alone, _thin_parts, growth
 from o3dls.topology.wall import Wall

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
 from ...geometry.similarity import apply
-from ...noise.crowds import carried_factors
 from .covariance import Observed
 from .drift import Taken
 
@@ -26,8 +25,7 @@ class Data:
     duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
     the `sigma` that relative noise is relative to, where points have one; order (n,): when each point was
     taken, if not as they come; moment (n,): a number that points share which a catheter took at once;
-    isolation (n,), crowd (n,): factors on the odds of floating by the other points, and where most of them
-    float.
+    isolation (n,): factors on the odds of floating by the other points.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -46,7 +44,6 @@ class Data:
     order: Array | None = None
     moment: Ints | None = None
     isolation: Array | None = None
-    crowd: Array | None = None
 
     def noise(self, levels: Array) -> Array:
         """Return the noise (n,) of each point, where the groups have these levels."""
@@ -55,8 +52,7 @@ class Data:
     @property
     def outlier_odds(self) -> Array:
         """Factor (n,) on the odds of being an outlier."""
-        odds = self.odds if self.isolation is None else self.odds * self.isolation
-        return odds if self.crowd is None else odds * self.crowd
+        return self.odds if self.isolation is None else self.odds * self.isolation
 
     @property
     def place_in_order(self) -> Array:
@@ -88,15 +84,9 @@ class Data:
 
     def at(self, which: slice | Ints) -> Data:
         """Return some of the points and all of the landmarks."""
-        further = "order", "moment", "isolation", "crowd"
+        further = "order", "moment", "isolation"
         known = [name for name in (*self.PER_POINT, *further) if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[which] for name in known})
-
-    def with_crowd_of(self, known: Data) -> Data:
-        """Return these data with the factors of a crowd that was found among known ones, a part of them."""
-        if known.crowd is None:
-            return self
-        return replace(self, crowd=carried_factors(self.points, known.points, known.crowd))
 
     def differs(self, other: Data) -> NDArray[np.bool_]:
         """Return which points (n,) are not the same in other data of as many."""
