@@ -132,7 +132,9 @@ def test_what_is_missing_is_said(app: Served) -> None:
     assert "map" in app.act("/make", {"name": "bad", "prior": points})["error"]
     assert "name" in app.act("/make", {"prior": points, "map": points})["error"]
     assert "role" in app.act("/look", {"role": "cat", "file": points})["error"]
-    assert "preset" in app.act("/fuse", {"case": "cases/one", "preset": "x"})["error"]
+    prior = bring(app, demo_case() / "prior.ply")
+    app.act("/make", {"name": "asked", "prior": prior, "map": points})
+    assert "preset" in app.act("/fuse", {"case": "cases/asked", "preset": "x"})["error"]
 
 
 def test_wrong_files_end_in_a_sentence_or_a_choice(app: Served, shared_data: Path) -> None:
