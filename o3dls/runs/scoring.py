@@ -69,7 +69,10 @@ def _judge_surfaces(case: Case, estimates: Mapping[str, Estimate]) -> dict[str, 
         if surface in found:
             continue
         as_prior = estimate.only_posed(case.prior)
-        found[surface] = validity(surface, case.prior, case.units, posed if as_prior else None)
+        known = next(
+            (found[other] for other in found if _same_wall(surface, other)), posed if as_prior else None
+        )
+        found[surface] = validity(surface, case.prior, case.units, known)
         posed = posed or (found[surface] if as_prior else None)
     return {name: found[estimate.surface] for name, estimate in estimates.items()}
 
@@ -87,10 +90,13 @@ def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return found
 
 
+def _same_wall(a: Surface, b: Surface) -> bool:
+    return np.array_equal(a.vertices, b.vertices) and np.array_equal(a.faces, b.faces)
+
+
 def _same_surface(a: Surface, b: Surface) -> bool:
     return (
-        np.array_equal(a.vertices, b.vertices)
-        and np.array_equal(a.faces, b.faces)
+        _same_wall(a, b)
         and a.fields.keys() == b.fields.keys()
         and all(np.array_equal(values, b.fields[name], equal_nan=True) for name, values in a.fields.items())
     )
