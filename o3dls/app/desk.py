@@ -16,6 +16,7 @@ from ..pipeline.supervision import Limits
 from ..places import remove_partial
 from . import bring, fuse, place, take
 from .job import Job
+from .live_session import Sessions
 from .pages import case_page, home_page, run_page
 from .shelf import CASES, RUNS, Shelf
 from .worker import Lost, Message, Reader, Worker
@@ -39,6 +40,7 @@ class Desk:
         self._reader = Reader(self.shelf.folder)
         self._worker: Worker | None = None
         self._lock = Lock()
+        self._sessions = Sessions(self.shelf)
 
     def home(self) -> str:
         """Write the page that lists what there is, and by which files are brought."""
@@ -134,9 +136,15 @@ class Desk:
         worker.end()
         return {"ok": True}
 
+    def live(self, asked: Mapping[str, Any]) -> Message:
+        """Begin a live session of a case, or find the one that is open: {case, source, place}; the link."""
+        source, place = _read_text(asked, "source"), _read_text(asked, "place")
+        return self._sessions.begin(self.shelf.case(_read_text(asked, "case")), source, place)
+
     def close(self) -> None:
         """End what is at work."""
         self._reader.end()
+        self._sessions.close()
         if self._worker:
             self._worker.end()
 

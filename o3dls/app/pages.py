@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from ..report.markup import Html, data_block, join, tag
 from ..report.page_parts import asset
+from .live_session import live_section
 from .parts import (
     bring_form,
     framed,
@@ -47,6 +48,7 @@ def case_page(case: Path, runs: Sequence[str], tell: Tell) -> str:
         "div",
         place_section(said, placing=len(names) < FEWEST_PAIRS),
         fuse_section(case),
+        live_section(),
         tag("section", tag("h2", "4 Judge"), runs_of_case(found.name, runs), id="judge"),
         class_="side",
     )
@@ -60,7 +62,11 @@ def case_page(case: Path, runs: Sequence[str], tell: Tell) -> str:
     state = data_block("app", {"case": case.as_posix(), "T": start.T_map_prior.tolist()})
     body = join(list_facts(facts), tag("div", picture, steps, class_="session"), _made_lines(), state)
     return framed(
-        found.name, body, ("lists.js", "place.js", "fuse.js", "made.js"), step=1, viewer="picking.js"
+        found.name,
+        body,
+        ("lists.js", "place.js", "fuse.js", "live.js", "made.js"),
+        step=1,
+        viewer="picking.js",
     )
 
 

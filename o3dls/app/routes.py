@@ -37,6 +37,7 @@ def routes_of(desk: Desk) -> Routes:
         "/fuse": desk.fuse,
         "/cancel": lambda _: desk.cancel(),
         "/export": desk.take,
+        "/live": desk.live,
     }
     return (
         (Rule("GET", "/"), _page_route(lambda _: desk.home())),

@@ -17,7 +17,7 @@ Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class Pages:
-    """This class knows the pages that show one session. Safe to use from several threads.
+    """This class holds the pages that show one session. Safe to use from several threads.
 
     act(action) gives {"ok": true, ...}, or {"error": text} for what was refused; it is called from several
     threads, one at a time.

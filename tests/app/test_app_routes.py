@@ -35,6 +35,7 @@ def test_no_path_leads_out_of_the_folder(app: Served, path: str) -> None:
         ("/look", {"role": "prior", "file": path}),
         ("/make", {"name": "a", "prior": path, "map": path}),
         ("/fuse", {"case": path, "preset": "quick"}),
+        ("/live", {"case": path, "source": "igtl", "place": "localhost:1"}),
         ("/place", {"case": path, "pairs": []}),
         ("/export", {"run": path, "export": "ply"}),
     ):

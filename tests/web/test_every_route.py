@@ -35,7 +35,10 @@ RULES = {
     "app": {
         *(Rule("GET", path) for path in ("/", "/case", "/run", "/report", "/grade", "/export", "/events")),
         Rule("PUT", "/files/{name}", LARGEST_FILE, "any"),
-        *(Rule("POST", f"/{act}", ACTION) for act in ("look", "make", "place", "fuse", "cancel", "export")),
+        *(
+            Rule("POST", f"/{act}", ACTION)
+            for act in ("look", "make", "place", "fuse", "cancel", "export", "live")
+        ),
     },
     "live": {
         Rule("GET", "/"),
