@@ -73,9 +73,7 @@ def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -
 
 
 def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
-    """Warn if a prior that is said to be the patient's bends as another person's does. Only a question:
-    nothing is decided by it.
-    """
+    """Warn if a patient's prior bends as another person's does; only a question, nothing is decided by it."""
     if case.prior_of != "patient" or case.dimension == 2 or fit.gradient <= ANOTHER_HEART:
         return []
     sentence = (
