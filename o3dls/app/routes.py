@@ -22,6 +22,7 @@ from .uploads import keep_file
 
 MOST = 100_000  # bytes of an action
 UPLOADS = "/files/"
+REPORT = "/report.html"  # of a run, where the links of a comparison lead
 LOOK = 0.15  # seconds between two looks at the run
 BEAT = 15.0  # seconds after which a silent page is sent a sign of life
 # a report may have come with a run folder of others: what it runs has no origin, and may ask us nothing
@@ -36,10 +37,13 @@ def most_bytes(path: str) -> int:
 
 def routes_of(desk: Desk) -> Router:
     """Return what answers the pages of a desk. It lets every error pass to the guard, which says it."""
-    pages = {"/case": desk.case, "/run": desk.run}
+    pages = {"/case": desk.case, "/run": desk.run, "/cohort": desk.cohort}
     acts: dict[str, Act] = {
         "/look": desk.look,
+        "/unpack": desk.unpack,
         "/make": desk.make,
+        "/fit": desk.fit,
+        "/pose": desk.pose,
         "/place": desk.place,
         "/fuse": desk.fuse,
         "/cancel": lambda _: desk.cancel(),
@@ -49,7 +53,8 @@ def routes_of(desk: Desk) -> Router:
         routes=[
             Route("/", _page_route(lambda _: desk.home()), methods=["GET"]),
             *(Route(path, _page_route(make), methods=["GET"]) for path, make in pages.items()),
-            Route("/report", _page_route(desk.report, APART), methods=["GET"]),
+            Route("/compare", _compare_route(desk), methods=["GET"]),
+            Route("/{run:path}" + REPORT, _report_route(desk), methods=["GET"]),
             Route("/grade", _grade_route(desk), methods=["GET"]),
             Route("/export", _file_route(desk), methods=["GET"]),
             Route("/events", _event_route(desk), methods=["GET"]),
@@ -69,11 +74,24 @@ def _read_folder(request: Request) -> str:
     return request.query_params.get("folder", "")
 
 
-def _page_route(
-    make: Callable[[str], str], headers: dict[str, str] | None = None
-) -> Callable[[Request], Any]:
+def _page_route(make: Callable[[str], str]) -> Callable[[Request], Any]:
     async def answer(request: Request) -> Response:
-        return HTMLResponse(await run_in_threadpool(make, _read_folder(request)), headers=headers)
+        return HTMLResponse(await run_in_threadpool(make, _read_folder(request)))
+
+    return answer
+
+
+def _compare_route(desk: Desk) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        return HTMLResponse(await run_in_threadpool(desk.compare, request.query_params.getlist("run")))
+
+    return answer
+
+
+def _report_route(desk: Desk) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        page = await run_in_threadpool(desk.report, request.path_params["run"])
+        return HTMLResponse(page, headers=APART)
 
     return answer
 

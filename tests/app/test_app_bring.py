@@ -154,29 +154,6 @@ def test_wrong_files_end_in_a_sentence_or_a_choice(app: Served, shared_data: Pat
     assert answers > 30  # most are nothing in most roles
 
 
-def test_pairs_place_the_prior_and_say_their_errors(app: Served, tmp_path: Path) -> None:
-    from o3dls.geometry.similarity import apply
-
-    moved = np.array([[0.0, -1, 0, 300], [1, 0, 0, -20], [0, 0, 1, 7], [0, 0, 0, 1]])
-    prior = read_surface(demo_case() / "prior.ply")
-    write_surface(tmp_path / "away.ply", prior.with_vertices(apply(np.linalg.inv(moved), prior.vertices)))
-    files = {"prior": bring(app, tmp_path / "away.ply"), "map": bring(app, demo_case() / "points.csv")}
-    case = app.act("/make", {"name": "away", **files})["case"]
-    page = app.ask("GET", f"/case?folder={case}")[1]
-    assert "Nothing says yet where the prior stands" in page
-    places = prior.vertices[[10, 900, 2500, 4000]]
-    pairs = [
-        {"prior": there.tolist(), "map": here.tolist()}
-        for there, here in zip(apply(np.linalg.inv(moved), places), places, strict=True)
-    ]
-    assert "at least 3" in app.act("/place", {"case": case, "pairs": pairs[:2]})["error"]
-    found = app.act("/place", {"pairs": pairs})
-    assert max(*found["misses"], *found["left_out"]) < 1e-6
-    assert "error" not in app.act("/place", {"case": case, "pairs": pairs})
-    assert np.allclose(read_case(app.folder / case).init, moved)
-    assert "pose from the case&#x27;s init matrix" in app.ask("GET", f"/case?folder={case}")[1]
-
-
 def test_a_reader_that_is_killed_is_replaced(app: Served) -> None:
     file = bring(app, demo_case() / "prior.ply")
     process = app.desk._reader._worker._process

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 from starlette.routing import Route
 
@@ -20,7 +21,7 @@ from o3dls.web import guard, server
 from o3dls.web.server import LocalServer
 from tests.app.served import Served, served
 
-FILLED = {"{name}": "a.csv"}
+FILLED = {"{name}": "a.csv", "{run:path}": "runs/one"}
 PATIENCE = 1.0  # seconds, in place of those of a user
 CLIENTS = 200
 
@@ -44,8 +45,9 @@ def every_route(app: Served) -> list[tuple[str, str]]:
 
 
 def test_these_are_the_routes(app: Served) -> None:
-    pages = ("/", "/case", "/run", "/report", "/grade", "/export", "/events")
-    acts = ("/look", "/make", "/place", "/fuse", "/cancel", "/export")
+    pages = ("/", "/case", "/run", "/runs/one/report.html", "/grade", "/export", "/events")
+    pages += ("/compare", "/cohort")
+    acts = ("/look", "/unpack", "/make", "/fit", "/pose", "/place", "/fuse", "/cancel", "/export")
     own = {("PUT", "/files/a.csv"), *(("GET", one) for one in pages), *(("POST", one) for one in acts)}
     assert set(every_route(app)) == own
 
@@ -136,16 +138,20 @@ def test_no_path_leads_out_of_the_folder(app: Served, path: str) -> None:
         (app.folder / "link").symlink_to(outside)
     for action, content in (
         ("/look", {"role": "prior", "file": path}),
+        ("/unpack", {"file": path}),
         ("/make", {"name": "a", "prior": path, "map": path}),
         ("/fuse", {"case": path, "preset": "quick"}),
-        ("/place", {"case": path, "pairs": []}),
+        ("/pose", {"case": path}),
+        ("/place", {"case": path, "T": np.eye(4).tolist()}),
         ("/export", {"run": path, "export": "ply"}),
     ):
         status, text, _ = app.ask("POST", action, content)
         assert (status, "error" in json.loads(text)) == (422, True), (action, text)
     quoted = path.replace("\0", "%00").replace("/", "%2F")
-    for page in ("case?folder", "run?folder", "report?folder", "grade?folder", "export?file"):
+    for page in ("case?folder", "run?folder", "grade?folder", "export?file", "cohort?folder"):
         assert app.ask("GET", f"/{page}={quoted}")[0] == 422, page
+    assert app.ask("GET", f"/compare?run={quoted}&run=.{quoted}")[0] == 422
+    assert app.ask("GET", f"/{quoted}/report.html")[0] in (404, 422)
 
 
 @pytest.mark.parametrize("name", [".hidden", "-rf", "a%00b", "%2e%2e", "a" * 200, "a%0ab", "%20", "a%5Cb"])
