@@ -84,12 +84,13 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
     from ..report.grading.check import WORDS, doubtful, worst_grade
     from ..report.subject import read_subject
     from ..run_warning import each_once
+    from ..runs.folder import read_record
 
     subject = read_subject([run])
     found = checks(subject)
     grade = worst_grade(found)
     what = f": {subject.last.name} of case {subject.case.name}"
-    case = _case_of(subject.case.files, cases)
+    case = _case_of(read_record(run).case.files, cases)
     judged = tag(
         "section",
         tag("h2", "4 Judge"),

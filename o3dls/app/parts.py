@@ -81,10 +81,10 @@ def list_folder(listed: Mapping[str, Sequence[str]]) -> Html:
     found = [tag("h3", "Cases"), tag("ul", *cases)] if cases else [tag("p", "There is no case here yet.")]
     runs = listed[RUNS]
     if runs:
-        found += [tag("h3", "Runs"), tag("form", list_runs(runs, choose=len(runs) > 1), action="compare")]
+        found += [tag("h3", "Runs"), list_runs(runs, choose=len(runs) > 1)]
     cohorts = sorted({folder for one in runs if (folder := one.rpartition("/")[0])})
-    links = [tag("li", tag("a", one, href=f"cohort?folder={quote(one)}")) for one in cohorts]
-    return join(*found, *([tag("h3", "Cohorts"), tag("ul", *links)] if links else []))
+    links = [tag("li", tag("a", f"all of {one}", href=f"cohort?folder={quote(one)}")) for one in cohorts]
+    return join(*found, *([tag("h3", "As a cohort"), tag("ul", *links)] if links else []))
 
 
 def runs_of_case(files: Mapping[str, str], runs: Sequence[str]) -> Html:
@@ -110,8 +110,9 @@ def list_runs(runs: Sequence[str], *, choose: bool = False) -> Html:
         box = tag("input", type="checkbox", name="run", value=path, aria_label=f"compare {path}")
         link = tag("a", path, href=f"run?folder={quote(path)}")
         lines.append(tag("li", box if choose else None, link, tag("span", class_="grade"), data_run=path))
-    button = tag("button", "Compare the chosen runs", type="submit") if choose else None
-    return join(tag("ul", *lines, class_="runs"), button)
+    button = tag("button", "Compare the chosen runs", type="button", id="compare") if choose else None
+    said = tag("p", id="compared", role="status") if choose else None
+    return join(tag("ul", *lines, class_="runs"), button, said)
 
 
 def bring_form(there: Sequence[str]) -> Html:

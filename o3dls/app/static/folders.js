@@ -29,12 +29,12 @@ function packed(...fields) {
   return view.buffer;
 }
 
-// A zip named after the folder, of files {path, file}; throws where they are too many or too large.
+// A zip named after the folder, of files {path, file} in the order of their paths: the same folder is the same file. Throws where they are too many or too large.
 async function zipOf(name, files) {
   if (files.length > 65000 || files.reduce((sum, { file }) => sum + file.size, 0) > MOST_PACKED) throw new Error(`${name}: is larger than ${MOST_PACKED} bytes, or holds more than 65000 files: bring a part of it`);
   const [parts, index] = [[], []];
   let [at, length] = [0, 0];
-  for (const { path, file } of files) {
+  for (const { path, file } of [...files].sort((one, other) => (one.path < other.path ? -1 : 1))) {
     const title = new TextEncoder().encode(path);
     const shared = [[2, 20], [2, UTF8], [2, 0], [2, 0], [2, 0x21], [4, await checksum(file)], [4, file.size], [4, file.size], [2, title.length], [2, 0]];
     const head = packed([4, 0x04034b50], ...shared);
