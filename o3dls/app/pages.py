@@ -82,6 +82,7 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
     """
     from ..report.checks import checks
     from ..report.grading.check import WORDS, doubtful, worst_grade
+    from ..report.sections.provenance import as_toml
     from ..report.subject import read_subject
     from ..run_warning import each_once
     from ..runs.folder import read_record
@@ -90,7 +91,8 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
     found = checks(subject)
     grade = worst_grade(found)
     what = f": {subject.last.name} of case {subject.case.name}"
-    case = _case_of(read_record(run).case.files, cases)
+    record = read_record(run)
+    case = _case_of(record.case.files, cases)
     judged = tag(
         "section",
         tag("h2", "4 Judge"),
@@ -101,7 +103,8 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
         tag("p", tag("a", f"Back to {case}", href=f"case?folder={quote(case)}")) if case else None,
         id="judge",
     )
-    body = join(judged, _take_section(run), data_block("app", {"run": run.as_posix()}))
+    taken = _take_section(run, as_toml(record.pipeline))
+    body = join(judged, taken, data_block("app", {"run": run.as_posix()}))
     return framed(run.name, body, ("take.js",), step=3)
 
 
@@ -139,8 +142,8 @@ def _case_of(files: Mapping[str, str], cases: Sequence[str]) -> str | None:
     return None
 
 
-def _take_section(run: Path) -> Html:
-    """Write the exports of a run, each with what it is for, and the commands that do the same."""
+def _take_section(run: Path, pipeline: str) -> Html:
+    """Write the exports of a run, each with what it is for; and the commands and the pipeline of the same."""
     lines = [
         tag(
             "li",
@@ -158,6 +161,9 @@ def _take_section(run: Path) -> Html:
         tag("h3", "The same in a terminal, in the folder of the app"),
         tag("pre", text, id="commands", tabindex="0", role="group", aria_label="commands"),
         tag("button", "Copy", type="button", data_copy="commands"),
+        tag("h3", "The pipeline file that makes the same run, with every parameter"),
+        tag("pre", pipeline, id="pipeline", tabindex="0", role="group", aria_label="pipeline file"),
+        tag("button", "Copy", type="button", data_copy="pipeline", aria_label="Copy the pipeline file"),
         id="take",
     )
 

@@ -32,6 +32,7 @@ class Hand:
 
     def __init__(self, visit: Visit) -> None:
         self.visit, self.actions = visit, 0
+        self.heard: list[str] = []
 
     @property
     def page(self) -> Any:
@@ -76,6 +77,7 @@ class Hand:
     def sees(self, selector: str, text: str, patience: int = READ) -> None:
         """Wait until an element says a text; this is no action."""
         says(self.visit, selector, text, patience)
+        self.heard.append(text)
 
 
 def says(visit: Visit, selector: str, text: str, patience: int = READ) -> None:

@@ -4,6 +4,7 @@ kill leaves whole or not there.
 
 from __future__ import annotations
 
+import html
 import re
 import shutil
 import time
@@ -14,7 +15,7 @@ import pytest
 
 from o3dls.app.mends import ANCHORS, BRING, MENDS, list_warnings
 from o3dls.io.surfaces import read_surface
-from o3dls.pipeline.file import all_mistakes
+from o3dls.pipeline.file import all_mistakes, read_pipeline
 from o3dls.resources import demo_case
 from o3dls.run_warning import CODES, RunWarning
 from o3dls.runs.folder import read_run
@@ -67,6 +68,10 @@ def test_a_case_says_what_each_run_would_write(app: Served) -> None:
 def test_a_run_leads_back_to_its_case_and_to_its_report(app: Served) -> None:
     page = app.ask("GET", "/run?folder=runs/one-icp")[1]
     assert 'href="case?folder=cases/one"' in page
+    text = page.partition('id="pipeline"')[2].partition(">")[2].partition("</pre>")[0]
+    again = app.folder.parent / "pipeline.toml"
+    again.write_text(html.unescape(text))
+    assert read_pipeline(again).record() == read_run(app.folder / "runs" / "one-icp").provenance.pipeline
     status, text, headers = app.ask("GET", "/runs/one-icp/report.html")
     assert (status, "<h1>one</h1>" in text) == (200, True)
     assert headers["content-security-policy"].startswith("sandbox")
@@ -75,10 +80,10 @@ def test_a_run_leads_back_to_its_case_and_to_its_report(app: Served) -> None:
 @pytest.mark.parametrize("code", CODES)
 def test_every_warning_says_what_mends_it_and_leads_there(code: str) -> None:
     words, step = MENDS[code]
-    html = str(list_warnings([RunWarning(code, "It is odd.")], "cases/a b"))
-    assert "It is odd." in html
-    assert f"What mends it: {words.partition(' ')[0]}" in html
-    target = re.findall('href="([^"]+)"', html)
+    text = str(list_warnings([RunWarning(code, "It is odd.")], "cases/a b"))
+    assert "It is odd." in text
+    assert f"What mends it: {words.partition(' ')[0]}" in text
+    target = re.findall('href="([^"]+)"', text)
     if step in ANCHORS:
         assert target == [f"case?folder=cases/a%20b#{ANCHORS[step]}"]
     else:

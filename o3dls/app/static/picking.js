@@ -56,6 +56,15 @@ function measureGaps(T) {
   return mapped[Math.floor(mapped.length / 2)];
 }
 
+// What is shown fills the picture again, seen from where it was seen.
+function reframe() {
+  const from = camera.position.clone().sub(target);
+  frameSurfaces();
+  camera.position.copy(target).add(from);
+  camera.zoom = 1;
+  invalidate();
+}
+
 // The motion of the prior by steps to the right, upwards and around these, as the picture is seen.
 function moveByHand(kind, across, along, around = 0) {
   const { right, up } = sidesOf(camera.position.clone().sub(target).normalize());
@@ -113,7 +122,7 @@ const picking = {
   pinMiddle,
   showAt,
   measureGaps,
-  reframe: resetView,
+  reframe,
   takeHand: (hand) => { posed.hand = hand; },
   step: (kind, across, along, around) => {
     moveByHand(kind, ...[across, along, around].map((one) => one * HAND_STEP[kind]));

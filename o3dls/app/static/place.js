@@ -1,6 +1,6 @@
 // The pose that is proposed, by pairs, by a search or by hand: shown at once, and kept where that is asked for.
 
-const proposal = { T: app.T, shown: app.T, asked: null, how: "" }; // asked: the pose whose confidence is worked out; how: what was chosen to be shown
+const proposal = { T: app.T, shown: app.T, asked: null, how: "" }; // asked: the pose whose confidence is worked out; how: what was chosen to be shown; over: whether they are overlaid now
 const STEPS = [
   ["← left", "move", -1, 0, 0], ["→ right", "move", 1, 0, 0], ["↑ up", "move", 0, 1, 0], ["↓ down", "move", 0, -1, 0], ["nearer", "move", 0, 0, 1], ["farther", "move", 0, 0, -1],
   ["turn left", "turn", -1, 0, 0], ["turn right", "turn", 1, 0, 0], ["tip up", "turn", 0, 1, 0], ["tip down", "turn", 0, -1, 0], ["roll left", "turn", 0, 0, 1], ["roll right", "turn", 0, 0, -1],
@@ -8,8 +8,10 @@ const STEPS = [
 
 function showProposal() {
   const over = document.querySelector("[name=shown]:checked").value === "over";
-  proposal.shown = over ? proposal.T : app.beside;
+  const moved = over !== proposal.over;
+  Object.assign(proposal, { over, shown: over ? proposal.T : app.beside });
   view?.showAt(proposal.shown);
+  if (moved) view?.reframe();
 }
 
 function showHow(how) {
@@ -68,7 +70,7 @@ function connectPlacing() {
   byId("undo-pair").addEventListener("click", undoPair);
   byId("find").addEventListener("click", findPose);
   byId("place").addEventListener("click", keepPose);
-  for (const one of document.querySelectorAll("[name=shown]")) one.addEventListener("change", () => { proposal.how = one.value; showProposal(); view?.reframe(); });
+  for (const one of document.querySelectorAll("[name=shown]")) one.addEventListener("change", () => { proposal.how = one.value; showProposal(); });
   for (const one of document.querySelectorAll("[name=hand]")) one.addEventListener("change", takeHand);
   for (const [text, ...step] of STEPS) {
     const button = made("button", text, { type: "button" });
@@ -78,7 +80,8 @@ function connectPlacing() {
     });
     byId("steps").append(button);
   }
-  document.querySelector(`[name=shown][value=${JSON.stringify(app.T) === JSON.stringify(app.beside) ? "beside" : "over"}]`).checked = true;
+  proposal.over = JSON.stringify(app.T) !== JSON.stringify(app.beside);
+  document.querySelector(`[name=shown][value=${proposal.over ? "over" : "beside"}]`).checked = true;
   listPairs();
 }
 
