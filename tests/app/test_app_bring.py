@@ -6,7 +6,6 @@ import base64
 import http.client
 import json
 import os
-import re
 import shlex
 import shutil
 import signal
@@ -27,7 +26,7 @@ from o3dls.io.case_reader import read_case
 from o3dls.io.surfaces import read_surface, write_surface
 from o3dls.pipeline.supervision import Limits
 from o3dls.resources import demo_case
-from tests.app.served import Served, served
+from tests.app.served import Served, ask_as_page, served
 
 PNG = b"\x89PNG"
 
@@ -143,7 +142,7 @@ def test_wrong_files_end_in_a_sentence_or_a_choice(app: Served, shared_data: Pat
     answers = 0
     for k, path in enumerate(paths):
         file = bring(app, path, f"{k}_{path.name}")
-        for role in ("prior", "map", "landmarks"):
+        for role in ("prior", "map", "landmarks", "image"):
             found = app.act("/look", {"role": role, "file": file})
             assert ("facts" in found) != ("error" in found), path
             said = found.get("error", "")
@@ -191,17 +190,8 @@ def test_a_server_that_is_killed_leaves_nothing_half_made(tmp_path: Path) -> Non
         assert app.desk.job.record()["state"] == "cancelled"
 
 
-def _ask_as_page(url: str) -> tuple[str, dict[str, str]]:
-    """The host of a link, and the headers of its page."""
-    found = re.fullmatch(r"http://(127.0.0.1:(\d+))/\?token=(.*)", url)
-    assert found
-    host, port, token = found.groups()
-    cookie = f"o3dls_app_{port}={token}"
-    return host, {"Cookie": cookie, "Origin": f"http://{host}", "Content-Type": "application/json"}
-
-
 def _begin_run(url: str) -> None:
-    host, headers = _ask_as_page(url)
+    host, headers = ask_as_page(url)
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.request("POST", "/fuse", json.dumps({"case": "cases/one", "preset": "quick"}), headers)
     assert json.loads(connection.getresponse().read()) == {"run": "runs/one-quick"}
@@ -209,7 +199,7 @@ def _begin_run(url: str) -> None:
 
 def _begin_upload(url: str) -> http.client.HTTPConnection:
     """Send half of a file."""
-    host, headers = _ask_as_page(url)
+    host, headers = ask_as_page(url)
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.putrequest("PUT", "/files/half.csv")
     for key, value in {**headers, "Content-Length": "1000"}.items():

@@ -5,8 +5,12 @@ kill leaves whole or not there.
 from __future__ import annotations
 
 import html
+import http.client
+import json
 import re
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from threading import Timer
@@ -21,7 +25,7 @@ from o3dls.run_warning import CODES, RunWarning
 from o3dls.runs.folder import read_run
 from tests.app import visited
 from tests.app.hand import says
-from tests.app.served import Served, served
+from tests.app.served import Served, ask_as_page, served
 from tests.browser import Visit, violations
 from tests.viewer import FIXTURES
 
@@ -141,3 +145,30 @@ def test_an_export_that_is_killed_is_whole_or_not_there(app: Served) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["icp.vtp", "icp.vtp.json"]
     assert len(read_surface(folder / "icp.vtp").vertices) > 1000
     read_run(app.folder / "runs" / "one-icp")
+
+
+def test_a_server_that_is_killed_while_it_exports_leaves_the_file_whole_or_not_there(app: Served) -> None:
+    folder = app.folder / "runs" / "one-icp_2" / "export"
+    assert "file" in app.act("/export", {"run": "runs/one-icp_2", "export": "vtp"})
+    whole = (folder / "icp.vtp").read_bytes()
+    (folder / "icp.vtp").unlink()
+    command = [sys.executable, "-m", "o3dls", "app", str(app.folder), "--no-browser"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        begin_export(process.stderr.readline().strip())
+        end = time.monotonic() + 60.0
+        while not any(folder.glob("*icp.vtp*")) and time.monotonic() < end:
+            time.sleep(0.001)  # until it begins to write
+        process.kill()
+    written = [path for path in folder.iterdir() if path.name == "icp.vtp"]
+    assert all(path.read_bytes() == whole for path in written)
+    assert "file" in app.act("/export", {"run": "runs/one-icp_2", "export": "vtp"})
+    assert (folder / "icp.vtp").read_bytes() == whole
+    read_run(app.folder / "runs" / "one-icp_2")
+
+
+def begin_export(url: str) -> None:
+    """Ask for an export, and wait for no answer."""
+    host, headers = ask_as_page(url)
+    connection = http.client.HTTPConnection(host, timeout=30)
+    connection.request("POST", "/export", json.dumps({"run": "runs/one-icp_2", "export": "vtp"}), headers)
