@@ -146,6 +146,9 @@ def test_the_prior_is_moved_and_turned_by_hand(visit: Visit, app: Served) -> Non
     degrees = np.degrees(np.arccos((np.trace(turned[:3, :3] @ moved[:3, :3].T) - 1.0) / 2.0))
     assert 10.0 < degrees < 60.0
     assert page.locator("#panels").get_attribute("data-looks-from") == view  # the view stays
+    page.click("#fuse")
+    says(visit, "#fused", "The pose in the picture is not kept")
+    assert app.desk.job is None
     page.click("#place")
     says(visit, "#placing", "pose from the case's init matrix")
     found = read_case(app.folder / "cases" / "away").init
