@@ -68,10 +68,14 @@ def list_warnings(found: Sequence[RunWarning], case: str | None) -> Html | None:
     lines = []
     for one in found:
         words, step = MENDS[one.code]
-        link = tag("a", step, href=_link_step(step, case)) if step else None
+        target = _target_of(step, case)
+        link = tag("a", step, href=target) if target else None
         lines.append(tag("li", one.sentence, tag("br"), "What mends it: ", words, ". ", link))
     return tag("ul", *lines, class_="mends") if lines else None
 
 
-def _link_step(step: str, case: str | None) -> str:
-    return f"case?folder={quote(case)}#{ANCHORS[step]}" if step in ANCHORS and case else "./#bring"
+def _target_of(step: str, case: str | None) -> str | None:
+    """Return where a step is done: on the page of the case, or on the first page."""
+    if step in ANCHORS:
+        return f"case?folder={quote(case)}#{ANCHORS[step]}" if case else None
+    return "./#bring" if step else None

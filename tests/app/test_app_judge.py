@@ -90,6 +90,7 @@ def test_every_warning_says_what_mends_it_and_leads_there(code: str) -> None:
     target = re.findall('href="([^"]+)"', text)
     if step in ANCHORS:
         assert target == [f"case?folder=cases/a%20b#{ANCHORS[step]}"]
+        assert "href" not in str(list_warnings([RunWarning(code, "It is odd.")], None))
     else:
         assert target == (["./#bring"] if step == BRING else [])
 
