@@ -11,7 +11,7 @@ import numpy as np
 from .arrays import Array
 from .case import Case
 from .errors import InputError, escaped
-from .geometry.similarity import rms_radius, scale_of
+from .geometry.similarity import apply, rms_radius, scale_of
 from .geometry.surface import Surface
 from .run_warning import RunWarning
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .motion.wall.samples import SurfaceSamples
     from .noise.shifted_part import MapShift
 
+SAME_PLACE = 1e-9  # diagonals: what one pose after another rounds
 SHIFTED = "shifted"  # column of the points that an offset was taken out of
 DEVIATIONS = ("sd_mm", "sd_px")  # fields of a surface: its deviation along the normal
 
@@ -62,6 +63,13 @@ class Estimate:
     @property
     def scale(self) -> float:
         return scale_of(self.T_map_prior)
+
+    def only_posed(self, prior: Surface) -> bool:
+        """Return whether the surface is the prior under T_map_prior, and nothing else of it moved."""
+        if not np.array_equal(self.surface.faces, prior.faces):
+            return False
+        apart = apply(self.T_map_prior, prior.vertices) - self.surface.vertices
+        return bool(np.abs(apart).max() <= SAME_PLACE * self.surface.diagonal)
 
     def corrected(self, case: Case) -> Case:
         """The case as the estimate sees it: without the offset of a part of its points, which get the column

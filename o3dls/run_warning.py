@@ -41,6 +41,7 @@ CODES: Mapping[str, str] = {
     "alternative-points": "a fit without some points leads to another surface that is almost as probable",
     "map-shift": "one part of the map seems to be shifted as a whole, as if the patient had moved",
     "errors-together": "points that were taken one after the other have an error in common",
+    "order-lost": "the points are in no order of a path, and the wall may hold errors that they share",
     "outdated-amplitudes": "many points were added after amplitudes and noise were estimated",
     # topology
     "topology-changed": "a part of the prior was removed, or a tube added",

@@ -12,6 +12,7 @@ from ..geometry.surface import Surface
 from ..run_warning import RunWarning
 
 MOST_FACES = 100_000  # of a prior: edges of .7 mm on an atrium, half of what a contact errs by
+MOST_REFIT = 30_000  # of a prior that is only measured from: distances of left-out points change by .002 mm
 
 
 def reduced(surface: Surface, faces: int) -> Surface:
@@ -43,14 +44,27 @@ def with_working_prior(case: Case) -> tuple[Case, tuple[RunWarning, ...]]:
     """Return the case with a prior of at most MOST_FACES faces, with its fields, and what was done; as it is
     where it has no more.
     """
-    prior = case.prior
-    if prior.dimension == 2 or len(prior.faces) <= MOST_FACES:
+    small = _with_fewer_faces(case, MOST_FACES)
+    if small is case:
         return case, ()
+    said = (
+        f"the prior has {len(case.prior.faces)} faces, more than a fit can use: a copy with "
+        f"{len(small.prior.faces)} was fitted, and every estimate has these; your file is not changed"
+    )
+    return small, (RunWarning("prior-reduced", said),)
+
+
+def with_refit_prior(case: Case) -> Case:
+    """Return the case as a refit of the cross-validation needs it: its prior has at most MOST_REFIT faces,
+    since of the surface only the distances of points that were left out are kept.
+    """
+    return _with_fewer_faces(case, MOST_REFIT)
+
+
+def _with_fewer_faces(case: Case, most: int) -> Case:
+    prior = case.prior
+    if prior.dimension == 2 or len(prior.faces) <= most:
+        return case
     from .meshing import carry_fields
 
-    small = reduced(prior, MOST_FACES)
-    said = (
-        f"the prior has {len(prior.faces)} faces, more than a fit can use: a copy with {len(small.faces)} "
-        "was fitted, and every estimate has these; your file is not changed"
-    )
-    return replace(case, prior=carry_fields(prior, small)), (RunWarning("prior-reduced", said),)
+    return replace(case, prior=carry_fields(prior, reduced(prior, most)))

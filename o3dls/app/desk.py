@@ -16,6 +16,7 @@ from ..pipeline.supervision import Limits
 from ..places import remove_partial
 from . import bring, fuse, pose, take, uploads
 from .job import Job
+from .live_session import Sessions
 from .pages import case_page, cohort_of, compare_page, home_page, run_page
 from .shelf import CASES, RUNS, Shelf
 from .worker import Lost, Message, Reader, Worker
@@ -40,6 +41,7 @@ class Desk:
         self._searcher: Reader | None = None  # of poses; other pages need not wait for it
         self._worker: Worker | None = None
         self._lock = Lock()
+        self._sessions = Sessions(self.shelf)
 
     def home(self) -> str:
         """Write the page that lists what there is, and by which files are brought."""
@@ -163,8 +165,14 @@ class Desk:
         worker.end()
         return {"ok": True}
 
+    def live(self, asked: Mapping[str, Any]) -> Message:
+        """Begin a live session of a case, or find the one that is open: {case, source, place}; the link."""
+        source, place = _read_text(asked, "source"), _read_text(asked, "place")
+        return self._sessions.begin(self.shelf.case(_read_text(asked, "case")), source, place)
+
     def close(self) -> None:
         """End what is at work."""
+        self._sessions.close()
         for one in (self._reader, self._searcher, self._worker):
             if one:
                 one.end()

@@ -11,6 +11,7 @@ from urllib.parse import quote
 from ..errors import InputError
 from ..report.markup import Html, data_block, join, tag
 from ..report.page_parts import asset
+from .live_session import live_section
 from .mends import list_warnings
 from .parts import (
     bring_form,
@@ -54,6 +55,7 @@ def case_page(case: Path, runs: Sequence[str], targets: Mapping[str, Path], tell
         "div",
         place_section(said, placing=len(names) < FEWEST_PAIRS),
         fuse_section(case, targets),
+        live_section(),
         tag("section", tag("h2", "4 Judge"), runs_of_case(found.files, runs), id="judge"),
         class_="side",
     )
@@ -70,7 +72,7 @@ def case_page(case: Path, runs: Sequence[str], targets: Mapping[str, Path], tell
     return framed(
         found.name,
         body,
-        ("lists.js", "pairs.js", "place.js", "fuse.js", "made.js"),
+        ("lists.js", "pairs.js", "place.js", "fuse.js", "live.js", "made.js"),
         step=1,
         viewer="picking.js",
     )

@@ -1,4 +1,4 @@
-"""What a page may ask of the app. Whom the app answers at all, the guard decides before."""
+"""What a page may ask of the app. Whom it answers at all, the rules of our servers decide before."""
 
 from __future__ import annotations
 
@@ -8,21 +8,18 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import Route, Router
-from starlette.types import Receive, Scope, Send
 
 from ..errors import InputError
 from ..io.text import LARGEST_FILE
 from ..places import temporary_name
-from ..web.rules import Refusal
+from ..web.routes import Answer, Routes, read_action
+from ..web.rules import Rule
 from .desk import Desk
 from .uploads import keep_file
 
 MOST = 100_000  # bytes of an action
-UPLOADS = "/files/"
-REPORT = "/report.html"  # of a run, where the links of a comparison lead
 LOOK = 0.15  # seconds between two looks at the run
 BEAT = 15.0  # seconds after which a silent page is sent a sign of life
 # a report may have come with a run folder of others: what it runs has no origin, and may ask us nothing
@@ -30,13 +27,8 @@ APART = {"Content-Security-Policy": "sandbox allow-scripts allow-downloads allow
 Act = Callable[[dict[str, Any]], Any]
 
 
-def most_bytes(path: str) -> int:
-    """Return how many bytes may be sent to a path: a file has the bound of every file that is read."""
-    return LARGEST_FILE if path.startswith(UPLOADS) else MOST
-
-
-def routes_of(desk: Desk) -> Router:
-    """Return what answers the pages of a desk. It lets every error pass to the guard, which says it."""
+def routes_of(desk: Desk) -> Routes:
+    """Return what answers the pages of a desk."""
     pages = {"/case": desk.case, "/run": desk.run, "/cohort": desk.cohort}
     acts: dict[str, Act] = {
         "/look": desk.look,
@@ -48,47 +40,42 @@ def routes_of(desk: Desk) -> Router:
         "/fuse": desk.fuse,
         "/cancel": lambda _: desk.cancel(),
         "/export": desk.take,
+        "/live": desk.live,
     }
-    return Router(
-        routes=[
-            Route("/", _page_route(lambda _: desk.home()), methods=["GET"]),
-            *(Route(path, _page_route(make), methods=["GET"]) for path, make in pages.items()),
-            Route("/compare", _compare_route(desk), methods=["GET"]),
-            Route("/{run:path}" + REPORT, _report_route(desk), methods=["GET"]),
-            Route("/grade", _grade_route(desk), methods=["GET"]),
-            Route("/export", _file_route(desk), methods=["GET"]),
-            Route("/events", _event_route(desk), methods=["GET"]),
-            Route(UPLOADS + "{name}", _upload_route(desk), methods=["PUT"]),
-            *(Route(path, _act_route(act), methods=["POST"]) for path, act in acts.items()),
-        ],
-        redirect_slashes=False,
-        default=_refuse_page,
+    return (
+        (Rule("GET", "/"), _page_route(lambda _: desk.home())),
+        *((Rule("GET", path), _page_route(make)) for path, make in pages.items()),
+        (Rule("GET", "/compare"), _compare_route(desk)),
+        # of a run, where the links of a comparison lead
+        (Rule("GET", "/{run:path}/report.html"), _report_route(desk)),
+        (Rule("GET", "/grade"), _grade_route(desk)),
+        (Rule("GET", "/export"), _file_route(desk)),
+        (Rule("GET", "/events"), _event_route(desk)),
+        # a file has the bound of every file that is read
+        (Rule("PUT", "/files/{name}", LARGEST_FILE), _upload_route(desk)),
+        *((Rule("POST", path, MOST), _act_route(act)) for path, act in acts.items()),
     )
-
-
-async def _refuse_page(_: Scope, __: Receive, ___: Send) -> None:
-    raise Refusal(404, "there is no such page")
 
 
 def _read_folder(request: Request) -> str:
     return request.query_params.get("folder", "")
 
 
-def _page_route(make: Callable[[str], str]) -> Callable[[Request], Any]:
+def _page_route(make: Callable[[str], str]) -> Answer:
     async def answer(request: Request) -> Response:
         return HTMLResponse(await run_in_threadpool(make, _read_folder(request)))
 
     return answer
 
 
-def _compare_route(desk: Desk) -> Callable[[Request], Any]:
+def _compare_route(desk: Desk) -> Answer:
     async def answer(request: Request) -> Response:
         return HTMLResponse(await run_in_threadpool(desk.compare, request.query_params.getlist("run")))
 
     return answer
 
 
-def _report_route(desk: Desk) -> Callable[[Request], Any]:
+def _report_route(desk: Desk) -> Answer:
     async def answer(request: Request) -> Response:
         page = await run_in_threadpool(desk.report, request.path_params["run"])
         return HTMLResponse(page, headers=APART)
@@ -96,14 +83,14 @@ def _report_route(desk: Desk) -> Callable[[Request], Any]:
     return answer
 
 
-def _grade_route(desk: Desk) -> Callable[[Request], Any]:
+def _grade_route(desk: Desk) -> Answer:
     async def answer(request: Request) -> Response:
         return JSONResponse(await run_in_threadpool(desk.grade, _read_folder(request)))
 
     return answer
 
 
-def _file_route(desk: Desk) -> Callable[[Request], Any]:
+def _file_route(desk: Desk) -> Answer:
     async def answer(request: Request) -> Response:
         path = await run_in_threadpool(desk.export, request.query_params.get("file", ""))
         return FileResponse(path, filename=path.name)
@@ -111,22 +98,14 @@ def _file_route(desk: Desk) -> Callable[[Request], Any]:
     return answer
 
 
-def _act_route(act: Act) -> Callable[[Request], Any]:
+def _act_route(act: Act) -> Answer:
     async def answer(request: Request) -> Response:
-        if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            raise Refusal(415, "an action is sent as application/json")
-        try:
-            asked = json.loads(await request.body())
-        except (ValueError, RecursionError):
-            raise Refusal(400, "an action must be JSON") from None
-        if not isinstance(asked, dict):
-            raise Refusal(400, "an action must be a JSON object")
-        return JSONResponse(await run_in_threadpool(act, asked))
+        return JSONResponse(await run_in_threadpool(act, await read_action(request)))
 
     return answer
 
 
-def _upload_route(desk: Desk) -> Callable[[Request], Any]:
+def _upload_route(desk: Desk) -> Answer:
     async def answer(request: Request) -> Response:
         wanted = desk.shelf.new_file(request.path_params["name"])
         staged = temporary_name(wanted)
@@ -135,8 +114,6 @@ def _upload_route(desk: Desk) -> Callable[[Request], Any]:
                 async for piece in request.stream():
                     await run_in_threadpool(file.write, piece)
             path = await run_in_threadpool(keep_file, staged, desk.shelf, request.path_params["name"])
-        except ClientDisconnect:
-            raise ConnectionError("the page went away") from None
         except OSError as error:
             raise InputError(f"{wanted.name}: cannot be kept: {error.strerror}") from error
         finally:
@@ -146,7 +123,7 @@ def _upload_route(desk: Desk) -> Callable[[Request], Any]:
     return answer
 
 
-def _event_route(desk: Desk) -> Callable[[Request], Any]:
+def _event_route(desk: Desk) -> Answer:
     async def events() -> AsyncIterator[str]:
         told, silent = None, 0.0
         while True:

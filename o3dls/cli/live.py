@@ -225,7 +225,7 @@ def app(folder: Path, port: int, no_browser: bool, timeout: float | None, memory
     commands know them. The page is served to this machine alone, until Ctrl-C.
     """
     from ..app.desk import Desk
-    from ..app.routes import most_bytes, routes_of
+    from ..app.routes import routes_of
     from ..pipeline.supervision import Limits
     from ..web.link import led_to
     from ..web.server import LocalServer
@@ -235,7 +235,7 @@ def app(folder: Path, port: int, no_browser: bool, timeout: float | None, memory
     bounds = Limits(timeout, int(memory) if memory else None)
     with (
         closing(Desk(folder, bounds)) as desk,
-        closing(LocalServer(routes_of(desk), "app", most_bytes, port)) as server,
+        closing(LocalServer(routes_of(desk), "app", port)) as server,
         nullcontext() if no_browser else led_to(server.url, folder, LINK) as leads,
     ):
         say(server.url, error=True)

@@ -12,27 +12,36 @@ from ..geometry.flipped_faces import flipped
 from ..geometry.surface import Surface
 
 Record = dict[str, bool | int | float | None]
+SHAPE = ("watertight", "components", "euler", "self_intersections", "flipped_faces")  # the same in any pose
 
 
-def validity(surface: Surface, prior: Surface, unit: str = "mm") -> Record:
+def validity(surface: Surface, prior: Surface, unit: str = "mm", posed: Record | None = None) -> Record:
     """Return `{watertight, components, euler, self_intersections, flipped_faces, volume_ml, volume_change}`
     of a surface.
 
     volume_change is (volume - volume of the prior as it was given) / volume of the prior, so it holds the
     scale of the motion too. In 2D the enclosed area, `area_mm2` or `area_px2`, stands for the volume. Open
-    surfaces enclose nothing: None.
+    surfaces enclose nothing: None. What does not depend on the pose is taken from `posed`, where that was
+    found of the same surface in another one.
     """
     size = surface.volume if surface.watertight else None
     before = prior.volume if prior.watertight else None
     amount, name = (1e-3, "volume_ml") if surface.dimension == 3 else (1.0, f"area_{unit}2")
+    shape = {key: posed[key] for key in SHAPE} if posed else _judge_shape(surface)
+    return {
+        **shape,
+        name: None if size is None else size * amount,
+        "volume_change": None if size is None or not before else size / before - 1.0,
+    }
+
+
+def _judge_shape(surface: Surface) -> Record:
     return {
         "watertight": surface.watertight,
         "components": components(surface),
         "euler": euler(surface),
         "self_intersections": self_intersections(surface),
         "flipped_faces": flipped_faces(surface),
-        name: None if size is None else size * amount,
-        "volume_change": None if size is None or not before else size / before - 1.0,
     }
 
 

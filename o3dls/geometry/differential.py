@@ -11,6 +11,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 from ..arrays import Array, Ints
 from ..parallel import axes_of
 
+FLAT = 1e-6  # height over length of a face below which its corners count as in line
+
 
 def normals_and_curvature(
     vertices: Array, faces: Ints, limit: float, smoothing: int = 3
@@ -55,10 +57,14 @@ def stretches(rest: Array, moved: Array, faces: Ints) -> Array:
     )
     if faces.shape[1] == 2:
         return np.asarray(np.sqrt(h[:, 0, 0] / np.maximum(g[:, 0, 0], 1e-300)))
+    long, longer = (np.maximum(x[:, 0, 0] + x[:, 1, 1], 1e-300) for x in (g, h))
     # the squared areas, times four
     area, now = (np.maximum(x[:, 0, 0] * x[:, 1, 1] - x[:, 0, 1] ** 2, 1e-300) for x in (g, h))
+    flat = area < (FLAT * long) ** 2  # what rounding leaves of it says nothing, but how long it is does
+    area = np.where(flat, long**2, area)
     half = 0.5 * (h[:, 0, 0] * g[:, 1, 1] - 2.0 * h[:, 0, 1] * g[:, 0, 1] + h[:, 1, 1] * g[:, 0, 0]) / area
-    return np.asarray(np.sqrt(half + np.sqrt(np.maximum(half**2 - now / area, 0.0))))
+    most = half + np.sqrt(np.maximum(half**2 - now / area, 0.0))
+    return np.asarray(np.sqrt(np.where(flat, longer / long, most)))
 
 
 def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:

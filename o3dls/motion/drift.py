@@ -86,3 +86,22 @@ def _go_on(fit: MotionFit, state: State) -> MotionFit:
     moving = fit.motion.probability * trace[-1]["step"]
     run = Iterated(problem, state, solved, (*fit.trace, *trace), moving, fit.facts)
     return motion_fit(run, fit.motion.probability, fit.motion.pose_alone, least)
+
+
+def lost_order(fit: MotionFit) -> float | None:
+    """Return the deviation of the detail that the wall took on, where errors that neighbours share may be in
+    it unseen: the points come in no order in space, and there is much of it. None where that is not so.
+    """
+    problem, settings = fit.problem, fit.problem.settings.drift
+    data, lengths = problem.data, problem.covariance.lengths
+    touching = np.flatnonzero(~data.inside)
+    if fit.state.scales.drifts or data.moment is not None or len(touching) < settings.least_points:
+        return None
+    short = lengths == lengths.min()
+    detail = float(np.linalg.norm(fit.state.scales.sds[: len(lengths)][short]))
+    in_order = data.points[touching[np.argsort(data.place_in_order[touching])]]
+    # the same points, each followed by one that has nothing to do with it
+    anyhow = in_order[np.random.default_rng(0).permutation(len(in_order))]
+    step, between = (np.median(np.linalg.norm(np.diff(x, axis=0), axis=1)) for x in (in_order, anyhow))
+    lost = step > settings.scattered * between and detail > settings.detail * float(lengths.min())
+    return detail if lost else None

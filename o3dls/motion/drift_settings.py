@@ -37,4 +37,16 @@ class DriftSettings:
         4.0, "1", "largest factor on the patches: maps that need larger ones visit all places all the time"
     )
     at_once: int = number(4000, "points", "points whose covariances with all rows are in memory together")
+    scattered: float = number(
+        0.5,
+        "1",
+        "median step from one point to the next over that between any two points, above which their order "
+        "is no path: catheters' paths have 0.05 to 0.2, shuffled ones 0.9 to 1.2",
+    )
+    detail: float = number(
+        0.085,
+        "shortest lengths",
+        "deviation of the fields of the shortest length above which the wall may have taken errors that "
+        "neighbours share: shuffled paths have 0.07 to 0.3, plain motions 0.02 to 0.1",
+    )
     rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")

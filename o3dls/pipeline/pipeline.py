@@ -114,7 +114,7 @@ class Pipeline:
             return self._run_case(case or self._own_case(), pool)
 
     def _run_case(self, case: Case, pool: Executor | None) -> Run:
-        from ..adapters.decimation import with_working_prior
+        from ..adapters.decimation import with_refit_prior, with_working_prior
         from ..parallel import started_beside
 
         begin = perf_counter()
@@ -123,7 +123,8 @@ class Pipeline:
         say_unpaired(case)
         for writer in self.writes:
             started_beside(writer.prepare)
-        folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
+        refit = partial(self.fit, level=logging.DEBUG)
+        folds = Folds(refit, with_refit_prior(case), self.folds, pool) if self.folds else None
         estimates = _warned(self._fit_and_judge(case), reduction)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)

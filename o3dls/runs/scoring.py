@@ -41,10 +41,9 @@ def scored(
     from ..parallel import both  # imported late: who only checks a file needs no numba
 
     estimates = _share_surfaces(estimates)
-    surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
     # pymeshlab, of which validity is made, works on one core; distances are compiled loops on the other
     judged, scores = both(
-        lambda: {surface: validity(surface, case.prior, case.units) for surface in surfaces},
+        lambda: _judge_surfaces(case, estimates),
         lambda: {
             name: score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
         },
@@ -54,11 +53,28 @@ def scored(
         estimates=estimates,
         fitted=fitted,
         scores=scores,
-        validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
+        validity=judged,
         points=with_distances(case, estimates, left_out),
         held_out=with_held_out(case, estimates),
         provenance=provenance(case, pipeline),
     )
+
+
+def _judge_surfaces(case: Case, estimates: Mapping[str, Estimate]) -> dict[str, Record]:
+    """Return the validity of each estimate's surface; the shape of one, and of the prior, is judged once."""
+    found: dict[Surface, Record] = {}
+    posed: Record | None = None
+    for estimate in estimates.values():
+        surface = estimate.surface
+        if surface in found:
+            continue
+        as_prior = estimate.only_posed(case.prior)
+        known = next(
+            (found[other] for other in found if _same_wall(surface, other)), posed if as_prior else None
+        )
+        found[surface] = validity(surface, case.prior, case.units, known)
+        posed = posed or (found[surface] if as_prior else None)
+    return {name: found[estimate.surface] for name, estimate in estimates.items()}
 
 
 def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
@@ -74,10 +90,13 @@ def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return found
 
 
+def _same_wall(a: Surface, b: Surface) -> bool:
+    return np.array_equal(a.vertices, b.vertices) and np.array_equal(a.faces, b.faces)
+
+
 def _same_surface(a: Surface, b: Surface) -> bool:
     return (
-        np.array_equal(a.vertices, b.vertices)
-        and np.array_equal(a.faces, b.faces)
+        _same_wall(a, b)
         and a.fields.keys() == b.fields.keys()
         and all(np.array_equal(values, b.fields[name], equal_nan=True) for name, values in a.fields.items())
     )

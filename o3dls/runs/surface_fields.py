@@ -86,6 +86,8 @@ def displacement(prior: Surface, estimate: Estimate) -> Array:
 
     Outward is positive.
     """
+    if estimate.only_posed(prior):
+        return np.zeros(len(prior.vertices))
     rest = prior.with_vertices(apply(estimate.T_map_prior, prior.vertices))
     squared, face, foot, weights = rest.closest_point.query(estimate.surface.vertices)
     normal = np.einsum("nk,nkd->nd", weights, rest.vertex_normals[rest.faces[face]])

@@ -24,6 +24,7 @@ from .deform_checks import (
     another_heart,
     case_warnings,
     motion_warnings,
+    order_lost,
     point_warnings,
     shifted,
 )
@@ -68,6 +69,7 @@ class Deform(DeformParameters):
             *shifted(shift, case, taken_out=taken_out),
             *motion_warnings(best, start.surface, found.surface, case.units),
             *another_heart(case, best),
+            *order_lost(case, best),
             *self._single_start(case),
             *alternatives(independent, fits, case.units),
             *case_warnings(case, self.fits, start.T_map_prior, best.problem),

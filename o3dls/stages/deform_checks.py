@@ -11,6 +11,7 @@ from ..case import Case, Points
 from ..columns import times_of
 from ..errors import SolverError
 from ..geometry.surface import Surface
+from ..motion.drift import lost_order
 from ..run_warning import RunWarning
 from .pose_checks import swapped_landmarks
 
@@ -72,9 +73,7 @@ def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -
 
 
 def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
-    """Warn if a prior that is said to be the patient's bends as another person's does. Only a question:
-    nothing is decided by it.
-    """
+    """Warn if a patient's prior bends as another person's does; only a question, nothing is decided by it."""
     if case.prior_of != "patient" or case.dimension == 2 or fit.gradient <= ANOTHER_HEART:
         return []
     sentence = (
@@ -82,6 +81,15 @@ def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
         'most 0.19): is it another person\'s or a mean anatomy? Then say prior_of = "template" in case.toml'
     )
     return [RunWarning("prior-of-another", sentence)]
+
+
+def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
+    """Warn if a patient's prior took on detail that may be errors of the points, and no order tells."""
+    if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
+        return []
+    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and "
+    why = "the points are in no order of a path: errors that neighbours share may be in it"
+    return [RunWarning("order-lost", moves + why)]
 
 
 def shifted(shift: MapShift | None, case: Case, *, taken_out: bool) -> list[RunWarning]:

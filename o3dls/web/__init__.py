@@ -1,1 +1,1 @@
-"""Pages served to this machine alone: `rules` states whom a server answers, `server` serves."""
+"""Pages served to this machine alone: `rules` states whom a server answers, `server` serves its `routes`."""

@@ -1,5 +1,5 @@
-"""The guard stands before every route of a server: it applies the rules, and bounds what is sent and how long
-that may take.
+"""The guard stands before every route of a server: it asks who sends a request, bounds how long its body may
+take, and says why it is refused.
 """
 
 from __future__ import annotations
@@ -7,34 +7,29 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Callable
 from contextlib import suppress
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ..errors import Doubt, O3dlsError
 from .rules import HEADERS, PATIENCE, Refusal, check_sender, check_token, cookie_line
 
-LONGEST = 20  # digits of a length; Python reads a number of at most 4300
 DRAIN, HEARD = 1_000_000, 1.0  # bytes of a refused body that are read, and seconds in which they come
-READS = ("GET", "HEAD")
+HOME = "/"  # the path that the link with the token opens
 log = logging.getLogger("o3dls")
 
 
 class Guard:
     """This class answers what the rules refuse, and passes the rest on.
 
-    command: what printed the link, such as `app`; most: the bytes that a body on a path may have; home: the
-    path that the link with the token opens.
+    command: what printed the link, such as `app`.
     """
 
-    def __init__(
-        self, app: ASGIApp, command: str, port: int, token: str, most: Callable[[str], int], home: str = "/"
-    ) -> None:
-        self._app, self._command, self._port = app, command, port
-        self._token, self._most, self._home = token, most, home
+    def __init__(self, app: ASGIApp, command: str, port: int, token: str) -> None:
+        self._app, self._command, self._port, self._token = app, command, port, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -42,7 +37,6 @@ class Guard:
         answered, body = _Answered(send), _Body(receive)
         try:
             answered.cookie = self._check_request(scope)
-            self._check_length(scope)
             await self._app(scope, body, answered)
         except Refusal as refusal:
             await body.drain()
@@ -52,7 +46,7 @@ class Guard:
             await answered.refuse(422, {"error": str(doubt), **asked})
         except O3dlsError as error:
             await answered.refuse(422, {"error": str(error)})
-        except (ConnectionError, asyncio.CancelledError):
+        except (ConnectionError, ClientDisconnect, asyncio.CancelledError):
             raise  # the page went away, or the server ends
         except Exception:  # the page must hear that its action failed
             log.exception("%s: %s failed", self._command, scope["path"])
@@ -62,22 +56,10 @@ class Guard:
         """Return the cookie that the answer leaves, on the home page alone. Raises Refusal."""
         headers, method = Headers(scope=scope), scope["method"]
         check_sender(self._port, method, headers.get("host", ""), headers.get("origin"))
-        home = scope["path"] == self._home and method == "GET"
+        home = scope["path"] == HOME and method == "GET"
         given = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token", [""])[0]
         check_token(self._command, self._port, self._token, given if home else "", headers.get("cookie", ""))
         return cookie_line(self._command, self._port, self._token) if home else None
-
-    def _check_length(self, scope: Scope) -> None:
-        """Raise Refusal for a body whose length is not given, or is too large."""
-        headers = Headers(scope=scope)
-        if scope["method"] in READS and "transfer-encoding" not in headers:
-            return
-        length = headers.get("content-length", "")
-        if not (length.isascii() and length.isdecimal()):
-            raise Refusal(411, "a body must have a length")
-        most = self._most(scope["path"])
-        if len(length) > LONGEST or int(length) > most:
-            raise Refusal(413, f"what is sent here may have {most} bytes")
 
 
 class _Body:

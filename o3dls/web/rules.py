@@ -1,5 +1,5 @@
 """Whom our servers answer: requests that were meant for this server, come from its own page, and have its
-token. Every server of ours asks these functions before anything else.
+token. Every server of ours asks these functions before anything else, and then the rule of the route.
 
 A link with the token opens the page and leaves the token as a cookie that scripts cannot read and that no
 other site's request carries. Host and Origin must be ours: a name turned to this machine gets nothing.
@@ -8,10 +8,15 @@ other site's request carries. Host and Origin must be ours: a name turned to thi
 from __future__ import annotations
 
 import hmac
+from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
+from typing import Literal
 
 NAMES = ("127.0.0.1", "localhost")
 PATIENCE = 10.0  # seconds that a page may take to ask or to read
+LONGEST = 20  # digits of a length; Python reads a number of at most 4300
+NAME = 64  # letters of a page's name, at most
+READS = ("GET", "HEAD")  # methods whose body is not read
 HEADERS = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
@@ -27,6 +32,36 @@ class Refusal(Exception):
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
         self.status = status
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule says of one method on one path which pages may ask, and how much they may send.
+
+    path: as Starlette writes it; most: bytes that a body may have; asker: any page, one that names itself, or
+    the one that acts (`roles`).
+    """
+
+    method: str
+    path: str
+    most: int = 0
+    asker: Literal["any", "named", "acting"] = "any"
+
+    def check_length(self, length: str, encoding: str) -> None:
+        """Raise Refusal for a body whose length is not given, or is too large."""
+        if self.method in READS and not encoding:
+            return
+        if not (length.isascii() and length.isdecimal()):
+            raise Refusal(411, "a body must say its length")
+        if len(length) > LONGEST or int(length) > self.most:
+            raise Refusal(413, f"what is sent here may have {self.most} bytes")
+
+
+def check_page_name(page: str) -> str:
+    """Return the name that a page gave itself. Raises Refusal where it is none."""
+    if not (page.isascii() and page.isalnum() and len(page) <= NAME):
+        raise Refusal(400, "a page must name itself in letters and digits")
+    return page
 
 
 def check_sender(port: int, method: str, host: str, origin: str | None) -> None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import secrets
 import socket
 from asyncio import TimerHandle, Transport
-from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread
 from typing import Any, cast
 
 import uvicorn
-from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..errors import InputError
 from .guard import Guard
+from .roles import Roles
+from .routes import Routes, router_of
 from .rules import NAMES, PATIENCE
 
 BACKLOG = 512  # connections that wait
@@ -24,18 +24,31 @@ GRACE = 1  # seconds in which pages that are being answered may be, at the end
 
 
 class _Protocol(H11Protocol):
-    """This protocol ends a connection on which nothing is asked for, however slowly it begins to be."""
+    """This protocol ends a connection on which nothing is asked for, however slowly it begins to be, or on
+    which the answer is not read.
+    """
 
     _patience: TimerHandle | None = None
+    _reading: TimerHandle | None = None
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._patience = self.loop.call_later(PATIENCE, self._close_silent)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._patience is not None:
-            self._patience.cancel()
+        for timer in (self._patience, self._reading):
+            if timer is not None:
+                timer.cancel()
         super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._reading = self.loop.call_later(PATIENCE, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
+        super().resume_writing()
 
     def _close_silent(self) -> None:
         if cast(Any, self).cycle is None:  # its type leaves out that no request may have come
@@ -43,17 +56,17 @@ class _Protocol(H11Protocol):
 
 
 class LocalServer:
-    """This server shows the pages of an app, behind the guard, from when it is made until `close`.
+    """This server answers routes, behind the guard and each by its rule, from when it is made until `close`.
 
-    command: the command that serves, which refusals name; most: the bytes that a body on a path may have.
+    command: the command that serves, which refusals name; roles: which page acts, where a rule asks for it.
     Raises InputError where the port is taken.
     """
 
-    def __init__(self, app: ASGIApp, command: str, most: Callable[[str], int], port: int = 0) -> None:
+    def __init__(self, routes: Routes, command: str, port: int = 0, roles: Roles | None = None) -> None:
         self._socket = _listen(port)
         self.port = int(self._socket.getsockname()[1])
         self.token = secrets.token_urlsafe(24)
-        guarded = Guard(app, command, self.port, self.token, most)
+        guarded = Guard(router_of(routes, roles or Roles()), command, self.port, self.token)
         settings: dict[str, Any] = {
             "http": _Protocol,
             "ws": "none",

@@ -11,7 +11,7 @@ import pytest
 
 from o3dls import ICP, Pipeline
 from o3dls.adapters import decimation
-from o3dls.adapters.decimation import reduced, with_working_prior
+from o3dls.adapters.decimation import reduced, with_refit_prior, with_working_prior
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
 from tests.finished import fine_sphere
@@ -59,3 +59,22 @@ def test_a_run_reduces_its_prior_and_says_so(monkeypatch: pytest.MonkeyPatch) ->
         assert f"has {len(case.prior.faces)} faces" in said.sentence
     height = run.case.prior.fields["height"]
     np.testing.assert_allclose(height, run.case.prior.vertices[:, 2], atol=1.0)  # read at the closest points
+
+
+def test_a_refit_of_the_cross_validation_has_a_coarser_prior_that_gives_the_same_distances(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = replace(ball_case(), prior=fine_sphere(8000))
+    whole = Pipeline([ICP()], folds=3).run(case)
+    monkeypatch.setattr(decimation, "MOST_REFIT", 2000)
+    assert len(with_refit_prior(case).prior.faces) <= 2000
+    coarse = Pipeline([ICP()], folds=3).run(case)
+    assert len(coarse.estimates[coarse.final].surface.faces) == len(
+        case.prior.faces
+    )  # the fit itself has them all
+    names = [name for name in whole.points.columns if name.startswith("left_out")]
+    assert names
+    for name in names:
+        own, other = whole.points.columns[name], coarse.points.columns[name]
+        assert np.any(own != other)
+        np.testing.assert_allclose(own, other, atol=0.05)  # the sagitta of its edges

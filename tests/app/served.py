@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import re
 from collections.abc import Iterator
@@ -11,43 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from o3dls.app.desk import Desk
-from o3dls.app.routes import most_bytes, routes_of
+from o3dls.app.routes import routes_of
 from o3dls.pipeline.supervision import Limits
 from o3dls.web.server import LocalServer
+from tests.web.asking import Asking
 
 
-class Served:
+class Served(Asking):
     """A desk with its server."""
+
+    command = "app"
 
     def __init__(self, folder: Path, limits: Limits | None = None) -> None:
         self.folder = folder
         self.desk = Desk(folder, limits)
-        self.server = LocalServer(routes_of(self.desk), "app", most_bytes)
-
-    @property
-    def host(self) -> str:
-        return f"127.0.0.1:{self.server.port}"
-
-    def headers(self) -> dict[str, str]:
-        """The headers that a page of ours sends."""
-        cookie = f"o3dls_app_{self.server.port}={self.server.token}"
-        return {
-            "Host": self.host,
-            "Cookie": cookie,
-            "Origin": f"http://{self.host}",
-            "Content-Type": "application/json",
-        }
-
-    def ask(self, method: str, path: str, body: Any = None, **headers: str | None) -> tuple[int, str, Any]:
-        """Status, text and headers of an answer; the headers are those of our page but for what is given."""
-        given = self.headers() | {key.replace("_", "-"): value for key, value in headers.items()}
-        connection = http.client.HTTPConnection(self.host, timeout=60)
-        text = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
-        connection.request(method, path, text, {k: v for k, v in given.items() if v is not None})
-        answer = connection.getresponse()
-        found = answer.status, answer.read().decode("utf-8", "replace"), dict(answer.getheaders())
-        connection.close()
-        return found
+        self.server = LocalServer(routes_of(self.desk), self.command)
 
     def act(self, path: str, content: dict[str, Any]) -> dict[str, Any]:
         """What an action gives."""

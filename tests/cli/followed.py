@@ -186,7 +186,7 @@ FOLLOWED = {
     + "test_the_address_of_a_navigation_system_is_said_as_the_sentence_shows",
     "or another --record folder": LIVE + "test_a_session_goes_on_with_its_own_case_or_in_another_folder",
     "must say where it comes from (Origin)": LIVE + "test_a_request_that_says_what_is_asked_for_is_answered",
-    "an action must say its length": LIVE + "test_a_request_that_says_what_is_asked_for_is_answered",
+    "a body must say its length": LIVE + "test_a_request_that_says_what_is_asked_for_is_answered",
     # lines of files, and keywords
     "say in case.toml which is the": LINES + "test_which_of_two_files_is_the_prior",
     "say dimension = {} in case.toml": LINES + "test_a_dimension_is_said_in_case_toml",

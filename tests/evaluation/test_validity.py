@@ -40,6 +40,15 @@ def test_a_sphere_is_valid_and_has_its_volume() -> None:
     assert found["volume_change"] == pytest.approx(7.0)
 
 
+def test_a_surface_in_another_pose_keeps_its_shape_and_gets_a_volume_of_its_own() -> None:
+    ball = sphere(20.0, 40)
+    known = validity(ball, ball) | {"self_intersections": 5}  # what only the first can have said
+    larger = ball.with_vertices(2.0 * ball.vertices)
+    found = validity(larger, ball, posed=known)
+    assert found["self_intersections"] == 5
+    assert found["volume_change"] == pytest.approx(7.0)
+
+
 def test_euler_number_and_components_count_handles_and_pieces() -> None:
     assert torus().watertight
     assert euler(torus()) == 0

@@ -75,7 +75,8 @@ def volume_seeds() -> list[bytes]:
         write_volume(work() / f"seed.{suffix}", labels, np.eye(4), space="LPS")
         found.append((work() / f"seed.{suffix}").read_bytes())
     head = b"NDims = 3\nDimSize = 7 8 9\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
-    return [*found, head + labels.tobytes()]
+    long = head.replace(b"LOCAL", b"\xff" * 150)  # 450 bytes as the name of a file
+    return [*found, head + labels.tobytes(), long]
 
 
 def read_volume(data: bytes) -> object:

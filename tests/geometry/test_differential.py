@@ -111,3 +111,10 @@ def test_a_stretch_is_the_largest_in_any_direction_whatever_turn_goes_with_it(di
     edges = surface.vertices[surface.faces[:, 1]] - surface.vertices[surface.faces[:, 0]]
     assert (found >= np.linalg.norm(edges @ longer, axis=1) / np.linalg.norm(edges, axis=1) - 1e-9).all()
     np.testing.assert_allclose(stretches(surface.vertices, 2.0 * surface.vertices @ turn, surface.faces), 2.0)
+
+
+def test_a_face_whose_corners_are_in_line_stretches_by_what_its_edges_do() -> None:
+    rest = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.1], [2.0, 0.6, 0.2]])
+    face = np.array([[0, 1, 2]])
+    with np.errstate(all="raise"):
+        assert stretches(rest, 1.5 * rest, face)[0] == pytest.approx(1.5, rel=1e-3)

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from o3dls.live.board import KEPT, WAITING, Board, Box, Sent
-from o3dls.live.roles import Roles
 
 
 def point(number: int, **more: Any) -> dict[str, Any]:
@@ -117,25 +116,3 @@ def test_a_page_that_does_not_read_is_told_that_it_fell_behind_and_costs_no_more
 def test_a_number_that_no_browser_reads_is_an_error_at_once() -> None:
     with pytest.raises(ValueError, match="JSON"):
         Board().publish({"event": "state", "mapped_mm": float("nan")})
-
-
-def test_the_first_page_acts_until_it_has_gone_and_another_asks() -> None:
-    roles = Roles()
-    roles.enter("a")
-    roles.enter("b")
-    assert roles.acts("a")
-    assert not roles.ask("b")
-    roles.leave("a")
-    assert roles.acts("a")  # it may be loading anew
-    assert roles.free()
-    assert roles.ask("b")
-    roles.enter("a")
-    assert not roles.acts("a")
-    assert not roles.ask("a")
-
-
-def test_a_page_that_is_not_connected_cannot_ask() -> None:
-    roles = Roles()
-    roles.enter("a")
-    roles.leave("a")
-    assert not roles.ask("never seen")

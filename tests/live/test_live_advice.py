@@ -115,13 +115,13 @@ def test_a_request_that_says_what_is_asked_for_is_answered() -> None:
     page = Page(server)
     page.until("role")
     undo = b'{"do": "undo"}'
-    refusals: tuple[tuple[dict[str, str | None], int, str], ...] = (
-        ({"Origin": None}, 403, "must say where it comes from (Origin)"),
-        ({"Content_Length": "two"}, 411, "must say its length"),
+    refusals: tuple[tuple[bytes | None, dict[str, str | None], int, str], ...] = (
+        (undo, {"Origin": None}, 403, "must say where it comes from (Origin)"),
+        (None, {"Transfer_Encoding": "chunked"}, 411, "must say its length"),
     )
     try:
-        for headers, status, sentence in refusals:
-            found, text, _ = server.ask("POST", "/act", undo, **headers)
+        for body, headers, status, sentence in refusals:
+            found, text, _ = server.ask("POST", "/act", body, **headers)
             assert found == status
             assert sentence in text
         assert server.ask("POST", "/act", undo)[0] == 200

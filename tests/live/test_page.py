@@ -357,8 +357,7 @@ def test_the_end_is_asked_for_once_and_links_the_report(
 def test_a_page_comes_back_by_itself_and_misses_nothing(visit: Visit, session: Played) -> None:
     says(visit, "#connection", "Connected")
     visit.page.evaluate("window.same = true")
-    ((box, _),) = session.server._boxes.values()
-    box.close()
+    session.server.pages.close()
     for event in session.script.points[FIRST : FIRST + 3]:
         session.server.publish(event)
     visit.page.wait_for_function(

@@ -262,3 +262,16 @@ def test_the_level_set_is_given_points_without_the_errors_that_they_share() -> N
     assert fit.drift is not None
     mean_of_24 = np.sqrt(((given.noise**2 - fit.state.scales.noises[0] ** 2) / 24.0).mean())
     np.testing.assert_allclose(mean_of_24, np.sqrt(fit.drift.offsets()[1].mean()))
+
+
+def test_a_map_whose_order_was_destroyed_is_warned_of_and_no_other() -> None:
+    def codes(points: Array) -> set[str]:
+        case = Case("case", surface, Points(points, np.full(len(points), "eam")))
+        return {one.code for one in Pipeline([Deform()], folds=0).run(case).estimates["deform"].warnings}
+
+    surface, _, points, _ = mapped(count=250)
+    assert "order-lost" not in codes(points)
+    shuffled = np.random.default_rng(1).permutation(len(points))
+    assert "order-lost" in codes(points[shuffled])
+    surface, _, points, _ = mapped(count=250, shared=0.0)  # as much noise, none of it shared
+    assert "order-lost" not in codes(points[shuffled])

@@ -172,7 +172,7 @@ def beside_path(path: Path, name: str) -> Path:
         or "\0" in name
         or "%" in name
         or name == "LIST"
-        or len(name) > 200
+        or len(name.encode("utf-8", "replace")) > 255  # bytes: no file system has longer ones
     ):
         raise InputError(f"{path}: names its data '{name[:60]}': must be one file in the same folder")
     if not (path.parent / name).is_file():
