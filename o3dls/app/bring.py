@@ -52,13 +52,17 @@ def is_study(path: Path) -> bool:
 
 
 def look(role: str, path: Path, settings: Mapping[str, Any], tell: Tell) -> Message:
-    """Read a file in its role (prior, map or landmarks); what was read, in lines, and a picture of it.
+    """Read a file in its role (prior, map, landmarks or image); what was read, in lines, and a picture of it.
 
     Raises Doubt where settings are missing, InputError where it cannot be used.
     """
-    return {"prior": _look_at_prior, "map": _look_at_map, "landmarks": _look_at_landmarks}[role](
-        path, settings
-    )
+    lookers = {
+        "prior": _look_at_prior,
+        "map": _look_at_map,
+        "landmarks": _look_at_landmarks,
+        "image": _look_at_image,
+    }
+    return lookers[role](path, settings)
 
 
 def make(
@@ -67,7 +71,7 @@ def make(
     """Make a case folder of the files, as `o3dls init` or `o3dls import` does; what was said, and the command
     that does the same.
     """
-    prior, points, landmarks = (files.get(role) for role in ("prior", "map", "landmarks"))
+    prior, points, landmarks, image = (files.get(role) for role in ("prior", "map", "landmarks", "image"))
     if points is None:
         raise InputError("map: bring the points of the map first")
     given = {key: value for key, value in settings.items() if key != "map"}
@@ -75,16 +79,17 @@ def make(
         from ..io.mapping.study_import import import_study
 
         chosen = settings.get("map")
-        found = import_study(points, chosen, name, prior=prior, landmarks=landmarks, **given)
+        beside: dict[str, Any] = {"prior": prior, "landmarks": landmarks, "image": image}
+        found = import_study(points, chosen, name, **beside, **given)
         said = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
-        options = {"map": chosen, "prior": prior, "landmarks": landmarks, **given}
+        options = {"map": chosen, **beside, **given}
         return {"said": [*said, *found.notes], "command": command("import", [points, name], options)}
     from ..pipeline.new_case import Inputs, make_case
 
     if prior is None:
         raise InputError("prior: bring the surface, or the label volume, first")
-    make_case(name, Inputs(prior, points, landmarks), out=run, **given)
-    options = {"prior": prior, "points": points, "landmarks": landmarks, **given, "out": run}
+    make_case(name, Inputs(prior, points, landmarks, image), out=run, **given)
+    options = {"prior": prior, "points": points, "landmarks": landmarks, "image": image, **given, "out": run}
     return {"said": [], "command": command("init", [name], options)}
 
 
@@ -177,6 +182,24 @@ def _look_at_landmarks(path: Path, settings: Mapping[str, Any]) -> Message:
     stated = dict(units).get("units", "not stated: taken as mm")
     facts = {"Landmarks": ", ".join(marks.names) or "none", "Units": stated, "Frame": marks.space}
     return {"facts": facts, "notes": [], "picture": None}
+
+
+def _look_at_image(path: Path, settings: Mapping[str, Any]) -> Message:
+    import numpy as np
+
+    from ..io.grey.image import open_volume
+    from .picture import draw_slice
+
+    volume = open_volume(path)
+    spacing = np.linalg.norm(volume.affine[:3, :3], axis=0)
+    facts = {
+        "Voxels": " × ".join(map(str, volume.shape)),
+        "Spacing": " × ".join(f"{one:.2f}" for one in spacing) + " mm",
+        "Frame": volume.space if volume.space != "unknown" else "not stated",
+    }
+    middle = volume.shape[2] // 2
+    picture = draw_slice(volume.slab(middle, middle + 1)[0], (float(spacing[1]), float(spacing[0])))
+    return {"facts": facts, "notes": [], "picture": picture}
 
 
 def _count_types(points: Points) -> str:

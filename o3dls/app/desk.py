@@ -5,7 +5,7 @@ done by the reader, or for a run by a worker of its own.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from threading import Lock, Thread
@@ -14,15 +14,15 @@ from typing import Any
 from ..errors import InputError, O3dlsError
 from ..pipeline.supervision import Limits
 from ..places import remove_partial
-from . import bring, fuse, place, take
+from . import bring, fuse, pose, take, uploads
 from .job import Job
 from .live_session import Sessions
-from .pages import case_page, home_page, run_page
+from .pages import case_page, cohort_of, compare_page, home_page, run_page
 from .shelf import CASES, RUNS, Shelf
 from .worker import Lost, Message, Reader, Worker
 
-ROLES = ("prior", "map", "landmarks")
-MOST_PAIRS = 100
+ROLES = ("prior", "map", "landmarks", "image")
+MOST_RUNS = 50  # that one page compares
 log = logging.getLogger("o3dls")
 
 
@@ -38,6 +38,7 @@ class Desk:
         self.job: Job | None = None
         self._limits = limits or Limits()
         self._reader = Reader(self.shelf.folder)
+        self._searcher: Reader | None = None  # of poses; other pages need not wait for it
         self._worker: Worker | None = None
         self._lock = Lock()
         self._sessions = Sessions(self.shelf)
@@ -50,11 +51,24 @@ class Desk:
         """Write the page of a case."""
         case = self.shelf.case(path)
         runs = self.shelf.listed()[RUNS]
-        return str(self._reader.do(partial(case_page, case, runs)))
+        targets = {one: self.shelf.new_folder(RUNS, fuse.run_name(case, one)) for one in fuse.PRESETS}
+        return str(self._reader.do(partial(case_page, case, runs, targets)))
 
     def run(self, path: str) -> str:
         """Write the page of a run."""
-        return str(self._reader.do(partial(run_page, self.shelf.run(path))))
+        cases = self.shelf.listed()[CASES]
+        return str(self._reader.do(partial(run_page, self.shelf.run(path), cases)))
+
+    def compare(self, paths: Sequence[str]) -> str:
+        """Return the page that compares runs, as `o3dls compare` writes it."""
+        if not 1 < len(paths) <= MOST_RUNS:
+            raise InputError(f"{len(paths)} runs are chosen: choose 2 or more, at most {MOST_RUNS}")
+        runs = [self.shelf.run(path) for path in dict.fromkeys(paths)]
+        return str(self._reader.do(partial(compare_page, runs)))
+
+    def cohort(self, path: str) -> str:
+        """Return the page of all runs in a folder, as `o3dls cohort` writes it."""
+        return str(self._reader.do(partial(cohort_of, self.shelf.place(path))))
 
     def report(self, path: str) -> str:
         """Return the report of a run, the page that `o3dls report` writes."""
@@ -83,6 +97,13 @@ class Desk:
         found: Message = self._reader.do(partial(bring.look, role, path, settings))
         return found
 
+    def unpack(self, asked: Mapping[str, Any]) -> Message:
+        """Make a folder of the slices in a zip that was brought: {file}."""
+        packed = self.shelf.place(_read_text(asked, "file"))
+        task = partial(uploads.unpack_slices, packed, self.shelf.new_slices(packed))
+        found: Message = self._reader.do(task)
+        return found
+
     def make(self, asked: Mapping[str, Any]) -> Message:
         """Make a case: {name, prior, map, landmarks, settings}; its path."""
         settings = bring.check_settings(asked.get("settings", {}))
@@ -93,16 +114,24 @@ class Desk:
         made: Message = self._reader.do(partial(bring.make, name, run, files, settings))
         return {"case": name.as_posix(), **made}
 
-    def place(self, asked: Mapping[str, Any]) -> Message:
-        """Place the prior of a case by pairs: {case, pairs}; or only say how they fit: {pairs}."""
-        pairs = asked.get("pairs")
-        if not isinstance(pairs, list) or len(pairs) > MOST_PAIRS:
-            raise InputError(f"pairs: must be a list of at most {MOST_PAIRS} pairs of places")
-        if "case" not in asked:
-            _, misses, left_out = place.fit_pairs(pairs)
-            return {"misses": misses, "left_out": left_out}
+    def fit(self, asked: Mapping[str, Any]) -> Message:
+        """Return the pose that pairs give: {pairs}; and how far off each is, with and without it."""
+        return pose.fit_pairs(asked.get("pairs"))
+
+    def pose(self, asked: Mapping[str, Any]) -> Message:
+        """Search for the pose of a case: {case}; or say how sure the points are of one: {case, T}."""
         case = self.shelf.case(_read_text(asked, "case"))
-        found: Message = self._reader.do(partial(place.place, case, pairs))
+        given = pose.read_pose(asked["T"]) if "T" in asked else None
+        task = partial(pose.find_pose, case) if given is None else partial(pose.judge_pose, case, given)
+        with self._lock:
+            self._searcher = self._searcher or Reader(self.shelf.folder, self._limits)
+        found: Message = self._searcher.do(task)
+        return found
+
+    def place(self, asked: Mapping[str, Any]) -> Message:
+        """Write the pose of a case: {case, T}."""
+        case, T_map_prior = self.shelf.case(_read_text(asked, "case")), pose.read_pose(asked.get("T"))
+        found: Message = self._reader.do(partial(pose.write_pose, case, T_map_prior))
         return found
 
     def take(self, asked: Mapping[str, Any]) -> Message:
@@ -113,13 +142,13 @@ class Desk:
 
     def fuse(self, asked: Mapping[str, Any]) -> Message:
         """Begin a run of a case: {case, preset}; where it goes."""
-        case, preset = self.shelf.case(_read_text(asked, "case")), asked.get("preset")
-        if preset not in (*fuse.PRESETS, fuse.OWN):
-            raise InputError(f"preset = {preset!r}: must be one of {', '.join((*fuse.PRESETS, fuse.OWN))}")
+        case, preset = self.shelf.case(_read_text(asked, "case")), _read_text(asked, "preset")
+        if preset not in fuse.PRESETS:
+            raise InputError(f"preset = {preset!r}: must be one of {', '.join(fuse.PRESETS)}")
         with self._lock:
             if self.job and self.job.state == "running":
                 raise InputError(f"{self.job.run}: is at work; wait for its end, or cancel it")
-            run = self.shelf.new_folder(RUNS, case.name if preset == "default" else f"{case.name}-{preset}")
+            run = self.shelf.new_folder(RUNS, fuse.run_name(case, preset))
             line = fuse.run_command(case, run, preset)
             self.job = Job(case.as_posix(), run.as_posix(), line)
             self._worker = Worker(self.shelf.folder, self._limits)
@@ -143,10 +172,10 @@ class Desk:
 
     def close(self) -> None:
         """End what is at work."""
-        self._reader.end()
         self._sessions.close()
-        if self._worker:
-            self._worker.end()
+        for one in (self._reader, self._searcher, self._worker):
+            if one:
+                one.end()
 
     def _follow_run(self, job: Job, worker: Worker, task: Any) -> None:
         """Follow a run to its end, however it ends."""

@@ -11,21 +11,33 @@ from urllib.parse import quote
 
 from .. import __version__
 from ..errors import InputError
+from ..registration.landmark_names import PLACES
 from ..report.document import document
 from ..report.markup import Html, join, tag
 from ..report.page_parts import asset, viewer_code, viewer_started
 from ..report.palette import variables
-from .fuse import OWN, PRESETS
+from .fuse import OWN, PRESETS, WRITES
+from .pose import INIT
 from .shelf import CASES, RUNS
 
+BY_LANDMARKS = (
+    "Landmarks of the case give the pose. Where one is wrong, correct it in its file, or make the case again "
+    "without the landmarks of the prior and mark pairs here."
+)
 STYLES = ("report.css", "layout.css")
 NOTICE = "Research use only. Not for clinical use."
 STEPS = ("Bring", "Place", "Fuse", "Judge", "Take away")
 SLOTS = (
     ("prior", "Prior", "the surface from MRI or CT, or a label volume (PLY, STL, VTP, NIfTI, NRRD, …)"),
-    ("map", "Map", "a table of points, a zipped study of CARTO or EnSite, or a file of OpenEP"),
+    ("map", "Map", "a table of points, a study of CARTO or EnSite (zip or folder), or a file of OpenEP"),
     ("landmarks", "Landmarks, if there are any", "places named on the prior: of 3D Slicer, or name,x,y,z"),
+    (
+        "image",
+        "Image, if you have it",
+        "the grey image that the prior was segmented in: a file, or the folder of a DICOM series",
+    ),
 )
+FOLDERS = ("map", "image")  # roles that a folder may have
 
 
 def framed(
@@ -34,7 +46,7 @@ def framed(
     """Write a whole page, in one of the steps, with its own scripts; viewer: the script that runs in the
     scope of the report's 3D viewer.
     """
-    started = viewer_started(own_asset(viewer), "app") if viewer else "undefined"
+    started = viewer_started(own_asset(viewer), "picking") if viewer else "undefined"
     own = [asset("page.js"), own_asset("app.js"), f"const view = {started};", *map(own_asset, scripts)]
     script = "\n".join(['"use strict";', *own])
     library = viewer_code()[0] if viewer else ""
@@ -64,31 +76,43 @@ def list_facts(facts: Mapping[str, str]) -> Html:
 
 
 def list_folder(listed: Mapping[str, Sequence[str]]) -> Html:
-    """List the cases and runs of the folder."""
+    """List the cases and runs of the folder; two runs and more can be chosen and compared."""
     cases = [tag("li", tag("a", path, href=f"case?folder={quote(path)}")) for path in listed[CASES]]
     found = [tag("h3", "Cases"), tag("ul", *cases)] if cases else [tag("p", "There is no case here yet.")]
-    return join(*found, *([tag("h3", "Runs"), list_runs(listed[RUNS])] if listed[RUNS] else []))
+    runs = listed[RUNS]
+    if runs:
+        found += [tag("h3", "Runs"), list_runs(runs, choose=len(runs) > 1)]
+    cohorts = sorted({folder for one in runs if (folder := one.rpartition("/")[0])})
+    links = [tag("li", tag("a", f"all of {one}", href=f"cohort?folder={quote(one)}")) for one in cohorts]
+    return join(*found, *([tag("h3", "As a cohort"), tag("ul", *links)] if links else []))
 
 
-def runs_of_case(name: str, runs: Sequence[str]) -> Html:
-    """List the runs of the case of a name."""
+def runs_of_case(files: Mapping[str, str], runs: Sequence[str]) -> Html:
+    """List the runs of a case with these files; case.toml and the pose may have changed since."""
     from ..runs.folder import read_record
 
     own = []
     for path in runs:
         with suppress(InputError):  # a run that was damaged says so where it is opened
-            if read_record(path).case.name == name:
+            known = read_record(path).case.files
+            both = (files.keys() & known.keys()) - {"case.toml", INIT}
+            if both and all(files[key] == known[key] for key in both):
                 own.append(path)
     return list_runs(own) if own else tag("p", "There is no run of this case yet.")
 
 
-def list_runs(runs: Sequence[str]) -> Html:
-    """List runs, each with room for its grade and its small picture, which come later."""
+def list_runs(runs: Sequence[str], *, choose: bool = False) -> Html:
+    """List runs, each with room for its grade and its small picture, which come later; choose: with a box
+    each, and what compares those that are chosen.
+    """
     lines = []
     for path in runs:
+        box = tag("input", type="checkbox", name="run", value=path, aria_label=f"compare {path}")
         link = tag("a", path, href=f"run?folder={quote(path)}")
-        lines.append(tag("li", link, tag("span", class_="grade"), data_run=path))
-    return tag("ul", *lines, class_="runs")
+        lines.append(tag("li", box if choose else None, link, tag("span", class_="grade"), data_run=path))
+    button = tag("button", "Compare the chosen runs", type="button", id="compare") if choose else None
+    said = tag("p", id="compared", role="status") if choose else None
+    return join(tag("ul", *lines, class_="runs"), button, said)
 
 
 def bring_form(there: Sequence[str]) -> Html:
@@ -99,7 +123,11 @@ def bring_form(there: Sequence[str]) -> Html:
             "fieldset",
             Html(
                 own_asset("slot.html").format(
-                    role=role, title=escape(title), words=escape(words), options=options
+                    role=role,
+                    title=escape(title),
+                    words=escape(words),
+                    options=options,
+                    folder="" if role in FOLDERS else " hidden",
                 )
             ),
             class_="slot",
@@ -113,18 +141,21 @@ def bring_form(there: Sequence[str]) -> Html:
 
 def place_section(said: str, *, placing: bool) -> Html:
     """Write how the prior is placed, with the form of pairs where these are needed."""
-    form = Html(own_asset("pairs.html")) if placing else None
+    names = join(*(tag("option", name, value=name) for name in PLACES))
+    form = Html(own_asset("pairs.html").format(names=names)) if placing else tag("p", BY_LANDMARKS)
     return tag("section", tag("h2", "2 Place"), tag("p", said), form, id="placing")
 
 
-def fuse_section(case: Path) -> Html:
-    """Write the choice of what is run, and what shows how far it is."""
-    choices = {key: (one.title, one.words) for key, one in PRESETS.items()}
-    if (case / "pipeline.toml").is_file():
-        choices[OWN] = ("Own pipeline", "The file pipeline.toml in the case folder, as it is now.")
+def fuse_section(case: Path, targets: Mapping[str, Path]) -> Html:
+    """Write the choice of what is run, with the folder that each writes, and what shows how far it is."""
     lines = []
-    for key, (title, words) in choices.items():
+    for key, out in targets.items():
+        one = PRESETS[key]
+        if key == OWN and not (case / one.file).is_file():
+            continue
         button = tag("input", type="radio", name="preset", value=key, checked=key == "default")
-        lines.append(tag("p", tag("label", button, f" {title}"), tag("span", f" {words}", class_="soft")))
+        words = tag("span", f" {one.words} Writes ", tag("code", out.as_posix()), ".", class_="soft")
+        lines.append(tag("p", tag("label", button, f" {one.title}"), words))
     how = tag("fieldset", tag("legend", "How"), *lines)
-    return tag("section", tag("h2", "3 Fuse"), how, Html(own_asset("fuse.html")), id="fusing")
+    writes = tag("p", WRITES, class_="soft")
+    return tag("section", tag("h2", "3 Fuse"), how, writes, Html(own_asset("fuse.html")), id="fusing")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 PIXELS = (420, 330)
 MARGIN = 1.12
+GREYS = (0.01, 0.99)  # quantiles that are black and white
 FACES = 20_000  # more are not seen
 WALL = (0.62, 0.68, 0.76)
 COLOURS = {"eam": (0.75, 0.31, 0.0), "landmark": (0.64, 0.28, 0.49), "ablation": (0.1, 0.1, 0.12)}
@@ -43,8 +44,27 @@ def draw(space: str, *, surface: Surface | None = None, points: Points | None = 
     if points is not None:
         colours = np.array([COLOURS.get(str(kind), OTHERS) for kind in points.type]).reshape(-1, 3)
         canvas.balls(points.xyz, colours, 1.0 if len(points) < 2000 else 0.5)
+    return _encode_png(Image.fromarray(canvas.pixels()))
+
+
+def draw_slice(values: Array, spacing: tuple[float, float]) -> str:
+    """Draw a slice (rows, columns) of an image in grey, as the base64 text of a PNG; spacing: mm from row to
+    row, and from column to column.
+    """
+    from PIL import Image
+
+    low, high = np.quantile(values, GREYS)
+    grey = np.clip((values - low) / max(float(high - low), 1e-12), 0.0, 1.0)
+    rows, columns = values.shape[0] * spacing[0], values.shape[1] * spacing[1]
+    scale = min(PIXELS[0] / columns, PIXELS[1] / rows)
+    size = max(1, round(columns * scale)), max(1, round(rows * scale))
+    picture = Image.fromarray(np.round(255.0 * grey).astype(np.uint8)).resize(size)
+    return _encode_png(picture)
+
+
+def _encode_png(picture: Any) -> str:
     buffer = io.BytesIO()
-    Image.fromarray(canvas.pixels()).save(buffer, format="png")
+    picture.save(buffer, format="png")
     return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

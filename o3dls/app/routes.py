@@ -29,10 +29,13 @@ Act = Callable[[dict[str, Any]], Any]
 
 def routes_of(desk: Desk) -> Routes:
     """Return what answers the pages of a desk."""
-    pages = {"/case": desk.case, "/run": desk.run}
+    pages = {"/case": desk.case, "/run": desk.run, "/cohort": desk.cohort}
     acts: dict[str, Act] = {
         "/look": desk.look,
+        "/unpack": desk.unpack,
         "/make": desk.make,
+        "/fit": desk.fit,
+        "/pose": desk.pose,
         "/place": desk.place,
         "/fuse": desk.fuse,
         "/cancel": lambda _: desk.cancel(),
@@ -42,7 +45,9 @@ def routes_of(desk: Desk) -> Routes:
     return (
         (Rule("GET", "/"), _page_route(lambda _: desk.home())),
         *((Rule("GET", path), _page_route(make)) for path, make in pages.items()),
-        (Rule("GET", "/report"), _page_route(desk.report, APART)),
+        (Rule("GET", "/compare"), _compare_route(desk)),
+        # of a run, where the links of a comparison lead
+        (Rule("GET", "/{run:path}/report.html"), _report_route(desk)),
         (Rule("GET", "/grade"), _grade_route(desk)),
         (Rule("GET", "/export"), _file_route(desk)),
         (Rule("GET", "/events"), _event_route(desk)),
@@ -56,9 +61,24 @@ def _read_folder(request: Request) -> str:
     return request.query_params.get("folder", "")
 
 
-def _page_route(make: Callable[[str], str], headers: dict[str, str] | None = None) -> Answer:
+def _page_route(make: Callable[[str], str]) -> Answer:
     async def answer(request: Request) -> Response:
-        return HTMLResponse(await run_in_threadpool(make, _read_folder(request)), headers=headers)
+        return HTMLResponse(await run_in_threadpool(make, _read_folder(request)))
+
+    return answer
+
+
+def _compare_route(desk: Desk) -> Answer:
+    async def answer(request: Request) -> Response:
+        return HTMLResponse(await run_in_threadpool(desk.compare, request.query_params.getlist("run")))
+
+    return answer
+
+
+def _report_route(desk: Desk) -> Answer:
+    async def answer(request: Request) -> Response:
+        page = await run_in_threadpool(desk.report, request.path_params["run"])
+        return HTMLResponse(page, headers=APART)
 
     return answer
 

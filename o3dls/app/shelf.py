@@ -72,6 +72,10 @@ class Shelf:
         """
         return self._free(self.folder / FILES, named(name))
 
+    def new_slices(self, packed: Path) -> Path:
+        """Return the path, relative to the folder, of what a zip of slices is unpacked into."""
+        return self._free(self.folder / FILES, named(packed.stem)).relative_to(self.folder)
+
     def new_folder(self, kind: str, name: str) -> Path:
         """Return the path, relative to the folder, of a case or run that is to be made."""
         return self._free(self.folder / kind, named(name)).relative_to(self.folder)

@@ -10,6 +10,7 @@ import signal
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -95,15 +96,15 @@ class Worker:
 class Reader:
     """The reader is a worker that answers pages, one after the other, and is replaced where it was ended."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._turn = folder, Lock()
-        self._worker = Worker(folder)
+    def __init__(self, folder: Path, limits: Limits | None = None) -> None:
+        self._make = partial(Worker, folder, limits)
+        self._turn, self._worker = Lock(), self._make()
 
     def do(self, task: Task) -> Any:
         """Do a task; where a process was killed that had been idle, another does it."""
         with self._turn:
             if not self._worker.alive:
-                self._worker = Worker(self._folder)
+                self._worker = self._make()
             return self._worker.do(task)
 
     def end(self) -> None:

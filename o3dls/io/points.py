@@ -65,7 +65,7 @@ def points_table_of(data: bytes, path: Path, dimension: int = 3, columns: str | 
     """Return the table in the bytes of a file, which `path` names in errors; as `read_points_table`."""
     given = read_choice(columns or "", str(path))
     found = cloud_table(path, data, NAMES)
-    table = table_of(data, path, "xyz"[:dimension], Chosen(given)) if found is None else found
+    table = table_of(data, path, "xyz"[:dimension], Chosen(given), ask=not given) if found is None else found
     there = {heading.lower() for heading in table.headings.values()}
     for heading, name in given.items():
         if heading not in there:

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..case import SPACES
-from ..errors import InputError
+from ..errors import Doubt, InputError
 from .atomic import write_file
 from .tables import workbook
+from .tables.axes import axis_answers
 from .tables.cells import FORMULA, split_text, without_index
 from .tables.headings import read_axes
 from .text import LARGEST_WHOLE, decode, is_missing, number, read_bytes
@@ -131,9 +132,16 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
 
 
 def table_of(
-    data: bytes, path: Path, required: Iterable[str], aliases: Mapping[str, str] | None = None
+    data: bytes,
+    path: Path,
+    required: Iterable[str],
+    aliases: Mapping[str, str] | None = None,
+    *,
+    ask: bool = False,
 ) -> Table:
-    """Return the table in the bytes of a file, which `path` names in errors; as `read_table`."""
+    """Return the table in the bytes of a file, which `path` names in errors; as `read_table`. ask: where a
+    required column is missing, ask whether columns of numbers are the required ones (Doubt).
+    """
     required = tuple(required)
     if workbook.knows(data):
         found = workbook.read_workbook(path, data, required)
@@ -144,7 +152,13 @@ def table_of(
         raise InputError(f"{path}: {top}: names {len(found.header)} columns: at most {MOST_COLUMNS}")
     cells = without_index(path, found)
     header, units = read_axes(path, top, cells.header)
-    header = _read_header(header, path, top, required, {} if aliases is None else aliases)
+    named = _name_columns(header, {} if aliases is None else aliases)
+    for name in required:
+        if name not in named:
+            said, listed = f"{path}: {top}: no column '{name}'", f"there are: {', '.join(header)[:200]}"
+            raise Doubt(said, listed, axis_answers(required, header, cells.rows) if ask else ())
+    _check_names(named, header, f"{path}: {top}")
+    header = named
     columns = {name: [row[k] for row in cells.rows] for k, name in enumerate(header)}
     notes = _read_notes(path, cells.comments)
     if units is not None and notes.setdefault("units", units) != units:
@@ -166,28 +180,26 @@ def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
     return notes | ({"units": notes["units"].lower()} if "units" in notes else {})
 
 
-def _read_header(
-    cells: Sequence[str], path: Path, top: str, required: Iterable[str], aliases: Mapping[str, str]
-) -> list[str]:
+def _name_columns(cells: Sequence[str], aliases: Mapping[str, str]) -> list[str]:
+    """Return what the headings mean; one that is the name itself comes before others that mean it."""
     header = [aliases.get(cell.lower(), cell) for cell in cells]
     own = {name for name, cell in zip(header, cells, strict=True) if name == cell.lower()}
-    # a heading that is the name itself comes before others that mean it
-    header = [
+    return [
         cell if name in own and name != cell.lower() else name
         for name, cell in zip(header, cells, strict=True)
     ]
-    for name in required:
-        if name not in header:
-            raise InputError(f"{path}: {top}: no column '{name}'; there are: {', '.join(cells)[:200]}")
+
+
+def _check_names(header: Sequence[str], cells: Sequence[str], where: str) -> None:
+    """Raise InputError where a column has no name, or two have one."""
     for name in header:
         if not name or header.count(name) > 1:
             same = [cell for cell, one in zip(cells, header, strict=True) if one == name]
             fault = f"is meant by {' and '.join(same)}" if len(set(same)) > 1 else "appears twice"
             raise InputError(
-                f"{path}: {top}: column name '{name}' {fault if name else 'is empty'}"
+                f"{where}: column name '{name}' {fault if name else 'is empty'}"
                 + (f"; say --columns {name}=HEADING with the one that is right" if len(set(same)) > 1 else "")
             )
-    return header
 
 
 def write_table(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,3 +48,12 @@ def served(folder: Path, limits: Limits | None = None) -> Iterator[Served]:
         yield made
     finally:
         made.close()
+
+
+def ask_as_page(url: str) -> tuple[str, dict[str, str]]:
+    """The host of a link, and the headers of its page."""
+    found = re.fullmatch(r"http://(127.0.0.1:(\d+))/\?token=(.*)", url)
+    assert found
+    host, port, token = found.groups()
+    cookie = f"o3dls_app_{port}={token}"
+    return host, {"Cookie": cookie, "Origin": f"http://{host}", "Content-Type": "application/json"}

@@ -6,7 +6,6 @@ import base64
 import http.client
 import json
 import os
-import re
 import shlex
 import shutil
 import signal
@@ -27,7 +26,7 @@ from o3dls.io.case_reader import read_case
 from o3dls.io.surfaces import read_surface, write_surface
 from o3dls.pipeline.supervision import Limits
 from o3dls.resources import demo_case
-from tests.app.served import Served, served
+from tests.app.served import Served, ask_as_page, served
 
 PNG = b"\x89PNG"
 
@@ -143,7 +142,7 @@ def test_wrong_files_end_in_a_sentence_or_a_choice(app: Served, shared_data: Pat
     answers = 0
     for k, path in enumerate(paths):
         file = bring(app, path, f"{k}_{path.name}")
-        for role in ("prior", "map", "landmarks"):
+        for role in ("prior", "map", "landmarks", "image"):
             found = app.act("/look", {"role": role, "file": file})
             assert ("facts" in found) != ("error" in found), path
             said = found.get("error", "")
@@ -152,29 +151,6 @@ def test_wrong_files_end_in_a_sentence_or_a_choice(app: Served, shared_data: Pat
             assert said == "" or len(said) > 20, (path, said)
             answers += "error" in found
     assert answers > 30  # most are nothing in most roles
-
-
-def test_pairs_place_the_prior_and_say_their_errors(app: Served, tmp_path: Path) -> None:
-    from o3dls.geometry.similarity import apply
-
-    moved = np.array([[0.0, -1, 0, 300], [1, 0, 0, -20], [0, 0, 1, 7], [0, 0, 0, 1]])
-    prior = read_surface(demo_case() / "prior.ply")
-    write_surface(tmp_path / "away.ply", prior.with_vertices(apply(np.linalg.inv(moved), prior.vertices)))
-    files = {"prior": bring(app, tmp_path / "away.ply"), "map": bring(app, demo_case() / "points.csv")}
-    case = app.act("/make", {"name": "away", **files})["case"]
-    page = app.ask("GET", f"/case?folder={case}")[1]
-    assert "Nothing says yet where the prior stands" in page
-    places = prior.vertices[[10, 900, 2500, 4000]]
-    pairs = [
-        {"prior": there.tolist(), "map": here.tolist()}
-        for there, here in zip(apply(np.linalg.inv(moved), places), places, strict=True)
-    ]
-    assert "at least 3" in app.act("/place", {"case": case, "pairs": pairs[:2]})["error"]
-    found = app.act("/place", {"pairs": pairs})
-    assert max(*found["misses"], *found["left_out"]) < 1e-6
-    assert "error" not in app.act("/place", {"case": case, "pairs": pairs})
-    assert np.allclose(read_case(app.folder / case).init, moved)
-    assert "pose from the case&#x27;s init matrix" in app.ask("GET", f"/case?folder={case}")[1]
 
 
 def test_a_reader_that_is_killed_is_replaced(app: Served) -> None:
@@ -214,17 +190,8 @@ def test_a_server_that_is_killed_leaves_nothing_half_made(tmp_path: Path) -> Non
         assert app.desk.job.record()["state"] == "cancelled"
 
 
-def _ask_as_page(url: str) -> tuple[str, dict[str, str]]:
-    """The host of a link, and the headers of its page."""
-    found = re.fullmatch(r"http://(127.0.0.1:(\d+))/\?token=(.*)", url)
-    assert found
-    host, port, token = found.groups()
-    cookie = f"o3dls_app_{port}={token}"
-    return host, {"Cookie": cookie, "Origin": f"http://{host}", "Content-Type": "application/json"}
-
-
 def _begin_run(url: str) -> None:
-    host, headers = _ask_as_page(url)
+    host, headers = ask_as_page(url)
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.request("POST", "/fuse", json.dumps({"case": "cases/one", "preset": "quick"}), headers)
     assert json.loads(connection.getresponse().read()) == {"run": "runs/one-quick"}
@@ -232,7 +199,7 @@ def _begin_run(url: str) -> None:
 
 def _begin_upload(url: str) -> http.client.HTTPConnection:
     """Send half of a file."""
-    host, headers = _ask_as_page(url)
+    host, headers = ask_as_page(url)
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.putrequest("PUT", "/files/half.csv")
     for key, value in {**headers, "Content-Length": "1000"}.items():

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from o3dls.app.desk import Desk
@@ -33,17 +34,21 @@ def test_no_path_leads_out_of_the_folder(app: Served, path: str) -> None:
         (app.folder / "link").symlink_to(outside)
     for action, content in (
         ("/look", {"role": "prior", "file": path}),
+        ("/unpack", {"file": path}),
         ("/make", {"name": "a", "prior": path, "map": path}),
         ("/fuse", {"case": path, "preset": "quick"}),
+        ("/pose", {"case": path}),
         ("/live", {"case": path, "source": "igtl", "place": "localhost:1"}),
-        ("/place", {"case": path, "pairs": []}),
+        ("/place", {"case": path, "T": np.eye(4).tolist()}),
         ("/export", {"run": path, "export": "ply"}),
     ):
         status, text, _ = app.ask("POST", action, content)
         assert (status, "error" in json.loads(text)) == (422, True), (action, text)
     quoted = path.replace("\0", "%00").replace("/", "%2F")
-    for page in ("case?folder", "run?folder", "report?folder", "grade?folder", "export?file"):
+    for page in ("case?folder", "run?folder", "grade?folder", "export?file", "cohort?folder"):
         assert app.ask("GET", f"/{page}={quoted}")[0] == 422, page
+    assert app.ask("GET", f"/compare?run={quoted}&run=.{quoted}")[0] == 422
+    assert app.ask("GET", f"/{quoted}/report.html")[0] in (404, 422)
 
 
 @pytest.mark.parametrize("name", [".hidden", "-rf", "a%00b", "%2e%2e", "a" * 200, "a%0ab", "%20", "a%5Cb"])

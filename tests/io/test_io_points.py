@@ -17,12 +17,12 @@ from formats import marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from o3dls.errors import InputError
+from o3dls.errors import Doubt, InputError
 from o3dls.geometry.surface import Surface
 from o3dls.io.case_reader import read_case
 from o3dls.io.clouds import pcd
 from o3dls.io.markups import read_markups
-from o3dls.io.points import read_points, read_points_table
+from o3dls.io.points import points_of, read_points, read_points_table
 from o3dls.io.surfaces import is_surface, write_surface
 from o3dls.live.sources.watch import Watch
 from o3dls.runs.conversion import convert
@@ -270,6 +270,21 @@ def test_points_come_from_a_workbook(tmp_path: Path) -> None:
         read_points(path)
     workbook(path, {"one": ROWS[:, :3].tolist()})
     np.testing.assert_allclose(read_points(path).xyz, XYZ, rtol=1e-15)  # without a header
+
+
+def test_columns_of_numbers_are_offered_where_headings_say_no_axis(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k};{x};{y};{z};0.5" for k, (x, y, z) in enumerate(XYZ.tolist(), 1))
+    (tmp_path / "p.csv").write_text(f"Nr;Ost;Nord;Höhe;Bipolar (mV)\n{rows}\n")
+    with pytest.raises(Doubt, match="no column 'x'; there are: Nr, Ost, Nord") as asked:
+        read_points(tmp_path / "p.csv")
+    (answer,) = asked.value.answers  # numbers of rows and voltages are no coordinates
+    assert answer.words == "x, y, z are Ost, Nord, Höhe"
+    table = read_points_table(tmp_path / "p.csv", 3, str(answer.settings["columns"]))
+    np.testing.assert_array_equal(points_of(table, 3).xyz, XYZ)
+    (tmp_path / "p.csv").write_text("a;b\n1;2\n3;4.5\n")
+    with pytest.raises(Doubt, match="no column 'x'") as asked:
+        read_points(tmp_path / "p.csv")
+    assert asked.value.answers == ()
 
 
 def test_other_files_of_offices_are_named(tmp_path: Path) -> None:

@@ -26,18 +26,19 @@ from o3dls.web.rules import Rule
 from o3dls.web.server import LocalServer
 from tests.web.asking import Asking
 
-FILLED = {"{name}": "a.csv"}
+FILLED = {"{name}": "a.csv", "{run:path}": "runs/one"}
 PATIENCE = 1.0  # seconds, in place of those of a user
 CLIENTS = 200
 ACTION = app_routes.MOST
 # What each route is, in words of this test: a route that is new must be written here too.
 RULES = {
     "app": {
-        *(Rule("GET", path) for path in ("/", "/case", "/run", "/report", "/grade", "/export", "/events")),
+        *(Rule("GET", path) for path in ("/", "/case", "/run", "/grade", "/export", "/events")),
+        *(Rule("GET", path) for path in ("/compare", "/cohort", "/{run:path}/report.html")),
         Rule("PUT", "/files/{name}", LARGEST_FILE, "any"),
         *(
             Rule("POST", f"/{act}", ACTION)
-            for act in ("look", "make", "place", "fuse", "cancel", "export", "live")
+            for act in ("look", "make", "place", "fuse", "cancel", "export", "live", "unpack", "fit", "pose")
         ),
     },
     "live": {

@@ -25,18 +25,4 @@ function made(name, text, more = {}) {
   return Object.assign(element, more);
 }
 
-// A doubt of a reader: its question, and a button for each answer, which goes on with the settings that it stands for.
-function askDoubt(box, doubt, goOn) {
-  box.hidden = !doubt;
-  if (!doubt) return;
-  box.querySelector("p").textContent = doubt.question;
-  const buttons = doubt.answers.map(({ words, settings }) => {
-    const button = made("button", words, { type: "button" });
-    button.addEventListener("click", () => { box.hidden = true; goOn(settings); });
-    return button;
-  });
-  box.querySelector(".choices").replaceChildren(...buttons);
-  buttons[0]?.focus();
-}
-
 requestAnimationFrame(() => { document.documentElement.dataset.shown = ""; });

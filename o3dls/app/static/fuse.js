@@ -3,6 +3,11 @@
 const shownRun = { source: null, state: "" };
 
 async function begin() {
+  if (proposal.T !== app.T && !shownRun.warned) { // a second press goes on
+    shownRun.warned = true;
+    say(byId("fused"), "The pose in the picture is not kept, and the run would not begin with it: press Keep this pose, or Run once more.", true);
+    return;
+  }
   const preset = document.querySelector("[name=preset]:checked").value;
   const answer = await ask("fuse", { case: app.case, preset });
   if (answer.error) say(byId("fused"), answer.error, true);

@@ -10,4 +10,11 @@ async function gradeRuns() {
   }
 }
 
+function compareChosen() {
+  const chosen = [...document.querySelectorAll("[name=run]:checked")].map(({ value }) => ["run", value]);
+  if (chosen.length > 1) location.href = `compare?${new URLSearchParams(chosen)}`;
+  else say(byId("compared"), "Choose two runs or more.", true);
+}
+
+byId("compare")?.addEventListener("click", compareChosen);
 gradeRuns();

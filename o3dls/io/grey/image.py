@@ -126,7 +126,7 @@ def open_image(path: Path, vertices: Array, prior_frame: str, *, whole: bool = T
 
     Raises InputError where it is missing or damaged, and where the prior does not lie in it.
     """
-    volume = _open_volume(path)
+    volume = open_volume(path)
     check_size(path, volume)
     frame, turn = settle_frame(path, volume, vertices, prior_frame)
     if whole:
@@ -146,7 +146,8 @@ def image_hash(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode("utf-8", "replace")).hexdigest()
 
 
-def _open_volume(path: Path) -> Volume:
+def open_volume(path: Path) -> Volume:
+    """Open an image: how it lies, and its voxels where asked for. Raises InputError where it is none."""
     if path.is_dir():
         return _check_voxels(path, read_series(path))
     data = read_head(path, HEAD)
