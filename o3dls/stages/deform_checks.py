@@ -11,7 +11,6 @@ from ..case import Case, Points
 from ..columns import times_of
 from ..errors import SolverError
 from ..geometry.surface import Surface
-from ..motion.drift import lost_order
 from ..run_warning import RunWarning
 from .pose_checks import swapped_landmarks
 
@@ -85,6 +84,8 @@ def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
 
 def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
     """Warn if a patient's prior took on detail that may be errors of the points, and no order tells."""
+    from ..motion.drift import lost_order  # imported late: who lists the stages needs no compiled code
+
     if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
         return []
     moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and "
