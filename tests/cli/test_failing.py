@@ -23,6 +23,7 @@ from o3dls.io.surfaces import read_surface, write_surface
 from o3dls.live.journal import read_journal
 from o3dls.live.record import open_record
 from o3dls.runs.folder import read_run
+from tests.app.served import served
 from tests.failing import each_failure
 from tests.finished import finished
 from tests.io.test_io_study import carto_folder
@@ -229,6 +230,31 @@ def test_batch(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         if "cohort.html" in left:
             assert (out / "cohort.html").read_text(encoding="utf-8").endswith("</html>\n")
     assert {"one", "cohort.csv", "cohort.html"} <= {path.name for path in out.iterdir()}
+
+
+@pytest.mark.parametrize("kind", OPERATIONS)
+def test_app(kind: str, tmp_path: Path) -> None:
+    """A file is brought whole or not at all, and the next one is; what else the app writes, commands do."""
+    content, failures = b"x,y,z\n" + b"1,2,3\n" * 2000, 0
+    with served(tmp_path / "studies") as app:
+        files = app.folder / "files"
+        for shim in each_failure(kind, app.folder):
+            name = f"map_{shim.number}.csv"
+            code, said, _ = app.ask("PUT", f"/files/{name}", content)
+            shim.over = True
+            kept = [path.name for path in files.iterdir()] if files.exists() else []
+            failures += code != 200
+            assert "Traceback" not in said, said
+            assert code in (200, 422), said
+            assert (name in kept) == (code == 200), (said, kept)
+            assert set(kept) <= {name}, kept
+            if name in kept:
+                assert (files / name).read_bytes() == content
+                (files / name).unlink()
+            assert app.ask("PUT", f"/files/after_{name}", content)[0] == 200
+            (files / f"after_{name}").unlink()
+            files.rmdir()
+    assert failures > 0
 
 
 def journal_case(folder: Path) -> Case:
