@@ -49,6 +49,7 @@ MENDS: Mapping[str, Mend] = {
     "alternative-points": Mend("leave out the points that it names, if they had no contact", BRING),
     "map-shift": Mend("take the shift out, by map_shift of the stage deform in the own pipeline", FUSE),
     "errors-together": Mend("nothing; keep the points in the order in which they were taken"),
+    "order-lost": Mend("export the points in the order in which they were taken, or with their times", BRING),
     "outdated-amplitudes": Mend("fuse all points anew", FUSE),
     "topology-changed": Mend("if the part is right as it was, leave topology out of the own pipeline", FUSE),
     "self-intersection-repaired": Mend("bring a prior that does not intersect itself there", BRING),

@@ -92,6 +92,7 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
     subject = read_subject([run])
     found = checks(subject)
     grade = worst_grade(found)
+    untold = [one for one in found if one.grade == "none"]
     what = f": {subject.last.name} of case {subject.case.name}"
     record = read_record(run)
     case = _case_of(record.case.files, cases)
@@ -100,6 +101,7 @@ def run_page(run: Path, cases: Sequence[str], tell: Tell) -> str:
         tag("h2", "4 Judge"),
         tag("p", tag("strong", WORDS[grade]), what, class_=f"overall {grade}"),
         tag("ul", *(tag("li", f"{one.name}: {one.said}") for one in doubtful(found))),
+        tag("ul", *(tag("li", f"no data for {one.name}: {one.said}") for one in untold), class_="untold"),
         list_warnings(each_once(subject.last.estimate.warnings), case),
         tag("p", tag("a", "Open the report", href=f"{quote(run.as_posix())}/report.html")),
         tag("p", tag("a", f"Back to {case}", href=f"case?folder={quote(case)}")) if case else None,

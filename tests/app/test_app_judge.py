@@ -72,6 +72,7 @@ def test_a_case_says_what_each_run_would_write(app: Served) -> None:
 def test_a_run_leads_back_to_its_case_and_to_its_report(app: Served) -> None:
     page = app.ask("GET", "/run?folder=runs/one-icp")[1]
     assert 'href="case?folder=cases/one"' in page
+    assert "no data for Expected error: no stage gives a posterior" in page
     text = page.partition('id="pipeline"')[2].partition(">")[2].partition("</pre>")[0]
     again = app.folder.parent / "pipeline.toml"
     again.write_text(html.unescape(text))
