@@ -79,6 +79,11 @@ class Desk:
         found: Message = self._reader.do(partial(_read_grade, self.shelf.run(path)))
         return found
 
+    def glance(self, path: str) -> Message:
+        """Return how many points a case has, and a small picture of its prior."""
+        found: Message = self._reader.do(partial(_draw_case, self.shelf.case(path)))
+        return found
+
     def export(self, path: str) -> Path:
         """Return the whole path of a file that was exported of a run. Raises InputError for any other."""
         found = self.shelf.place(path)
@@ -211,4 +216,14 @@ def _read_grade(run: Path, tell: Any) -> Message:
 
     (entry,) = read_entries([run])
     picture = base64.b64encode(entry.picture).decode("ascii")
-    return {"grade": WORDS[entry.grade], "doubts": list(entry.doubts), "picture": picture}
+    return {"said": [WORDS[entry.grade], *entry.doubts[:2]], "picture": f"data:image/webp;base64,{picture}"}
+
+
+def _draw_case(case: Path, tell: Any) -> Message:
+    from ..io.case_reader import read_case
+    from .picture import draw
+
+    found = read_case(case)
+    picture = draw(found.frame, surface=found.prior)
+    said = [f"{len(found.points)} points"]
+    return {"said": said, "picture": f"data:image/png;base64,{picture}" if picture else ""}

@@ -77,8 +77,12 @@ def list_facts(facts: Mapping[str, str]) -> Html:
 
 def list_folder(listed: Mapping[str, Sequence[str]]) -> Html:
     """List the cases and runs of the folder; two runs and more can be chosen and compared."""
-    cases = [tag("li", tag("a", path, href=f"case?folder={quote(path)}")) for path in listed[CASES]]
-    found = [tag("h3", "Cases"), tag("ul", *cases)] if cases else [tag("p", "There is no case here yet.")]
+    cases = []
+    for path in listed[CASES]:
+        link = tag("a", path, href=f"case?folder={quote(path)}")
+        cases.append(tag("li", link, tag("span", class_="grade"), data_case=path))
+    said = tag("p", "There is no case here yet.")
+    found = [tag("h3", "Cases"), tag("ul", *cases, class_="runs")] if cases else [said]
     runs = listed[RUNS]
     if runs:
         found += [tag("h3", "Runs"), list_runs(runs, choose=len(runs) > 1)]

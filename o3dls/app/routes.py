@@ -48,7 +48,8 @@ def routes_of(desk: Desk) -> Routes:
         (Rule("GET", "/compare"), _compare_route(desk)),
         # of a run, where the links of a comparison lead
         (Rule("GET", "/{run:path}/report.html"), _report_route(desk)),
-        (Rule("GET", "/grade"), _grade_route(desk)),
+        (Rule("GET", "/grade"), _line_route(desk.grade)),
+        (Rule("GET", "/glance"), _line_route(desk.glance)),
         (Rule("GET", "/export"), _file_route(desk)),
         (Rule("GET", "/events"), _event_route(desk)),
         # a file has the bound of every file that is read
@@ -83,9 +84,9 @@ def _report_route(desk: Desk) -> Answer:
     return answer
 
 
-def _grade_route(desk: Desk) -> Answer:
+def _line_route(told: Callable[[str], Any]) -> Answer:
     async def answer(request: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(desk.grade, _read_folder(request)))
+        return JSONResponse(await run_in_threadpool(told, _read_folder(request)))
 
     return answer
 

@@ -57,6 +57,27 @@ def label_volume(path: Path, prior: Surface) -> Path:
     return path
 
 
+def layered_volume(path: Path, prior: Surface) -> Path:
+    """The prior as label 1 in each of two layers of a NIfTI, a voxel apart."""
+    found = filled_distance(prior.vertices, prior.faces, 1.0, 3)
+    labels = np.zeros((*found.band.shape, 2), dtype=np.uint8)
+    labels[(*found.band.nodes[found.phi < 0.0].T, 0)] = 1
+    labels[..., 1] = np.roll(labels[..., 0], 1, axis=2)
+    nibabel.save(nibabel.Nifti1Image(labels, np.diag([-1.0, -1.0, 1.0, 1.0])), path)
+    return path
+
+
+def bare_volume(path: Path, prior: Surface) -> Path:
+    """The prior as a NRRD that does not say how its axes lie."""
+    found = filled_distance(prior.vertices, prior.faces, 1.0, 3)
+    labels = np.zeros(found.band.shape, dtype=np.uint8)
+    labels[tuple(found.band.nodes[found.phi < 0.0].T)] = 1
+    sizes = " ".join(map(str, labels.shape))
+    head = f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: {sizes}\nencoding: raw\nspacings: 1 1 1\n\n"
+    path.write_bytes(head.encode() + labels.tobytes(order="F"))
+    return path
+
+
 def german_table(path: Path, points: Points) -> Path:
     """A table as a German Excel saves it: semicolons, decimal commas, cp1252, headings that say no axis."""
     rows = ["Nr;Länge;Breite;Höhe;Bipolare Spannung (mV)"]

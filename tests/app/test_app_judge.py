@@ -115,6 +115,15 @@ def test_runs_are_compared_and_made_a_cohort_from_the_list(visit: Visit, app: Se
     assert sorted(path.name for path in app.folder.iterdir()) == ["cases", "runs"]
 
 
+def test_each_line_of_the_list_says_what_it_is_beside_a_picture(visit: Visit) -> None:
+    for line, said in (("[data-case='cases/one']", "points"), ("[data-run='runs/one-icp']", "CHECK")):
+        says(visit, f"{line} .grade", said)
+        picture = visit.page.locator(f"{line} img")
+        picture.wait_for()
+        assert picture.evaluate("one => one.naturalWidth") > 0
+    assert violations(visit) == []
+
+
 def test_one_run_is_not_compared(app: Served) -> None:
     status, text, _ = app.ask("GET", "/compare?run=runs/one-icp")
     assert (status, "choose 2 or more" in text) == (422, True)

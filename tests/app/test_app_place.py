@@ -157,8 +157,15 @@ def test_the_prior_is_moved_and_turned_by_hand(visit: Visit, app: Served) -> Non
 
 
 def test_every_answer_to_a_question_has_its_picture(visit: Visit, app: Served, tmp_path: Path) -> None:
-    """Units, labels, columns and maps; openings have one answer, and its picture."""
-    from tests.app.inputs import atrium, carto_zip, german_table, label_volume
+    """Units, labels, layers, axes, columns and maps; openings have one answer, and its picture."""
+    from tests.app.inputs import (
+        atrium,
+        bare_volume,
+        carto_zip,
+        german_table,
+        label_volume,
+        layered_volume,
+    )
 
     hand, prior = Hand(visit), read_surface(demo_case() / "prior.ply")
     write_surface(tmp_path / "small.stl", prior.with_vertices(prior.vertices / 1000.0))
@@ -167,6 +174,8 @@ def test_every_answer_to_a_question_has_its_picture(visit: Visit, app: Served, t
         ("prior", tmp_path / "small.stl", ["42.9 ml", "0.0 ml"]),
         ("prior", tmp_path / "open.ply", ["42.9 ml"]),
         ("prior", label_volume(tmp_path / "labels.nii.gz", prior), ["42.7 ml", "0.0 ml"]),
+        ("prior", layered_volume(tmp_path / "layers.nii.gz", prior), ["42.7 ml", "42.7 ml"]),
+        ("prior", bare_volume(tmp_path / "bare.nrrd", prior), ["42.7 ml", "42.7 ml"]),
         ("map", german_table(tmp_path / "p.csv", atrium().points.of("eam")), ["75 × 47 × 53 mm"]),
         ("map", carto_zip(tmp_path, atrium().points.of("eam")), ["75 × 47 × 53 mm", "mm"]),
     ):

@@ -45,7 +45,14 @@ def test_no_path_leads_out_of_the_folder(app: Served, path: str) -> None:
         status, text, _ = app.ask("POST", action, content)
         assert (status, "error" in json.loads(text)) == (422, True), (action, text)
     quoted = path.replace("\0", "%00").replace("/", "%2F")
-    for page in ("case?folder", "run?folder", "grade?folder", "export?file", "cohort?folder"):
+    for page in (
+        "case?folder",
+        "run?folder",
+        "grade?folder",
+        "glance?folder",
+        "export?file",
+        "cohort?folder",
+    ):
         assert app.ask("GET", f"/{page}={quoted}")[0] == 422, page
     assert app.ask("GET", f"/compare?run={quoted}&run=.{quoted}")[0] == 422
     assert app.ask("GET", f"/{quoted}/report.html")[0] in (404, 422)

@@ -33,7 +33,7 @@ ACTION = app_routes.MOST
 # What each route is, in words of this test: a route that is new must be written here too.
 RULES = {
     "app": {
-        *(Rule("GET", path) for path in ("/", "/case", "/run", "/grade", "/export", "/events")),
+        *(Rule("GET", path) for path in ("/", "/case", "/run", "/grade", "/glance", "/export", "/events")),
         *(Rule("GET", path) for path in ("/compare", "/cohort", "/{run:path}/report.html")),
         Rule("PUT", "/files/{name}", LARGEST_FILE, "any"),
         *(

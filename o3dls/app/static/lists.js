@@ -1,12 +1,13 @@
-// Grades and small pictures of runs, one after the other, as they come.
+// What a line of cases and runs says beside its name, and its small picture, one after the other, as they come.
 
-async function gradeRuns() {
-  for (const line of document.querySelectorAll("[data-run]")) {
-    const answer = await fetch(`grade?folder=${encodeURIComponent(line.dataset.run)}`).then((one) => one.json()).catch(() => ({ error: "no answer" }));
+async function fillLines() {
+  for (const line of document.querySelectorAll("[data-case], [data-run]")) {
+    const { run, case: of } = line.dataset;
+    const asked = run ? `grade?folder=${encodeURIComponent(run)}` : `glance?folder=${encodeURIComponent(of)}`;
+    const answer = await fetch(asked).then((one) => one.json()).catch(() => ({ error: "no answer" }));
     const shown = line.querySelector(".grade");
-    shown.textContent = answer.error ? `cannot be read: ${answer.error}` : [answer.grade, ...answer.doubts.slice(0, 2)].join(" · ");
-    shown.dataset.grade = answer.grade ?? "";
-    if (answer.picture) line.prepend(made("img", undefined, { src: `data:image/webp;base64,${answer.picture}`, alt: "" }));
+    shown.textContent = answer.error ? `cannot be read: ${answer.error}` : answer.said.join(" · ");
+    if (answer.picture) line.prepend(made("img", undefined, { src: answer.picture, alt: "" }));
   }
 }
 
@@ -17,4 +18,4 @@ function compareChosen() {
 }
 
 byId("compare")?.addEventListener("click", compareChosen);
-gradeRuns();
+fillLines();
