@@ -51,6 +51,7 @@ def staged_file(path: str | Path, within: str | Path | None = None) -> Iterator[
         check_inside(path, Path(within))
     _check_file(path)
     staged = temporary_name(path)
+    remove_abandoned(staged.parent)
     try:
         with _report_unwritten(path, staged):
             yield staged
@@ -85,6 +86,7 @@ def staged_files(path: str | Path, within: str | Path | None = None) -> Iterator
         check_inside(path, Path(within))
     _check_file(path)
     staged = temporary_name(path)
+    remove_abandoned(staged.parent)
     with _report_unwritten(path, staged):
         staged.mkdir()
     try:

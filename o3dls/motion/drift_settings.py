@@ -38,15 +38,9 @@ class DriftSettings:
     )
     at_once: int = number(4000, "points", "points whose covariances with all rows are in memory together")
     scattered: float = number(
-        0.5,
-        "1",
-        "median step from one point to the next over that between any two points, above which their order "
-        "is no path: catheters' paths have 0.05 to 0.2, shuffled ones 0.9 to 1.2",
+        0.5, "1", "median step between points over that of any two, above which no path is in their order"
     )
     detail: float = number(
-        0.085,
-        "shortest lengths",
-        "deviation of the fields of the shortest length above which the wall may have taken errors that "
-        "neighbours share: shuffled paths have 0.07 to 0.3, plain motions 0.02 to 0.1",
+        0.085, "shortest lengths", "deviation of the shortest fields above which errors may be in the wall"
     )
     rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")

@@ -1,9 +1,11 @@
-"""A disk that is full: what was there stays, nothing half is left, and the command says so."""
+"""A disk that is full, a process that is killed: what was there stays, and nothing half is left."""
 
 from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +17,9 @@ from tiny import ball_case
 
 from o3dls.cli.main import answer
 from o3dls.errors import InputError
-from o3dls.io.atomic import check_free, write_file
+from o3dls.io.atomic import check_free, staged_file, staged_files, write_file
 from o3dls.io.case_writer import write_case
-from o3dls.places import remove_partial
+from o3dls.places import partial_name, remove_partial
 from tests.finished import finished
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
@@ -145,3 +147,16 @@ def test_what_any_process_left_is_found_but_nothing_of_a_folder_with_a_like_name
     for gone, left in (("run.1", 4), (long + "1", 3), ("run", 2)):
         remove_partial(tmp_path / gone)
         assert len(list(tmp_path.iterdir())) == left
+
+
+@pytest.mark.parametrize("write", [staged_file, staged_files])
+def test_a_file_removes_what_a_killed_process_left_half_made_beside_it(write: Any, tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    half = partial_name(tmp_path / "a.vtp")
+    dead = tmp_path / half.replace(f"-{os.getpid():x}@", f"-{ended.pid:x}@")
+    for path in (dead, tmp_path / half):
+        path.write_text("<")
+    with write(tmp_path / "a.vtp") as staged:
+        staged.write_text("whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.vtp", half}  # that of a process at work stays
