@@ -135,9 +135,12 @@ def mark_pairs(hand: Hand, folder: Path, count: int = 4) -> None:
     while len(chosen) < count:
         gaps = np.linalg.norm(front[:, None] - np.array(chosen)[None], axis=2).min(axis=1)
         chosen.append(front[gaps.argmax()])
+    framed = hand.page.locator("#panels").get_attribute("data-tall")
     for k, place in enumerate(chosen, 1):
         if k == count:
             hand.click("[name=shown][value=beside]")  # the third pair has laid one over the other
+            drawn = "tall => document.getElementById('panels').dataset.tall === tall"
+            hand.page.wait_for_function(drawn, arg=framed)  # the picture is framed as at first
         hand.point(pixels_of(hand.visit, shown, place + apart))
         hand.sees("#pair-now", "Now the point of the map.")
         hand.point(pixels_of(hand.visit, shown, place))
