@@ -83,6 +83,15 @@ def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the
     assert re.search(rf"mapped wall \d+\.\d mm \(by the model, more than the {mapped.found:.1f} meas", larger)
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.003, "no part in particular."), (0.02, "the 2% of the wall")])
+def test_a_share_of_the_wall_that_rounds_to_nothing_is_not_named(
+    run: Path, monkeypatch: pytest.MonkeyPatch, share: float, told: str
+) -> None:
+    subject = with_fields(read_subject([run]), 2.0, 0.0)
+    monkeypatch.setattr(type(subject), "unmapped", property(lambda _: share))
+    assert said(subject)["Do not rely on"].startswith(told)
+
+
 def test_a_region_that_points_contradict_is_named_before_one_without_points(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,7 @@ from ..grading.doubts import NAMED, doubted_regions
 from ..mapping.advice import located, shown_advice
 from ..markup import Html, tag
 from ..subject import SETS, Subject
+from ..verdict import SMALLEST_SHARE
 from ..wall_parts import PRIOR_ONLY, Part, compared_parts
 
 # what to do about a check that is not OK; the others are answered by points or by the check's own sentence
@@ -71,9 +72,9 @@ def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
 
 def _describe_rest(subject: Subject) -> str:
     """Say how much wall has no points where no region is to be named."""
-    if not subject.unmapped:
+    if (subject.unmapped or 0.0) < SMALLEST_SHARE:
         return "no part in particular"
-    return f"the {subject.unmapped:.0%} of the wall without points (hatched)"
+    return f"the {subject.unmapped or 0.0:.0%} of the wall without points (hatched)"
 
 
 def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
