@@ -55,10 +55,11 @@ def with_working_prior(case: Case) -> tuple[Case, tuple[RunWarning, ...]]:
 
 
 def with_refit_prior(case: Case) -> Case:
-    """Return the case as a refit of the cross-validation needs it: its prior has at most MOST_REFIT faces,
-    since of the surface only the distances of points that were left out are kept.
+    """Return the case as a refit of the cross-validation needs it: a patient's own prior has at most
+    MOST_REFIT faces, since of the surface only the distances of points that were left out are kept. A
+    template keeps its faces: what of its wall is changed can hang on them.
     """
-    return _with_fewer_faces(case, MOST_REFIT)
+    return _with_fewer_faces(case, MOST_REFIT) if case.prior_of == "patient" else case
 
 
 def _with_fewer_faces(case: Case, most: int) -> Case:

@@ -68,6 +68,7 @@ def test_a_refit_of_the_cross_validation_has_a_coarser_prior_that_gives_the_same
     whole = Pipeline([ICP()], folds=3).run(case)
     monkeypatch.setattr(decimation, "MOST_REFIT", 2000)
     assert len(with_refit_prior(case).prior.faces) <= 2000
+    assert with_refit_prior(replace(case, prior_of="template")).prior is case.prior
     coarse = Pipeline([ICP()], folds=3).run(case)
     assert len(coarse.estimates[coarse.final].surface.faces) == len(
         case.prior.faces
