@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from ..run_warning import each_once
 from ..runs.far_points import far_points
-from ..runs.run import Run
 from .expected import DUE, OFF, shares_within
-from .grading.check import Check, Grade
+from .grading.check import Check, Grade, count_words
+from .grading.convergence import check_convergence
 from .grading.expected_error import check_expected_error
+from .grading.remarks import count_remarks, remarks, warnings_of
 from .grading.wall import farthest, prior_only, removed_wall, volume
 from .shape_words import words_of
 from .subject import Subject
 from .wall_parts import Part, compared, compared_parts
 
+WARNINGS = "Warnings"
 FAR_LANDMARK = 15.0  # mm from its place on the result: as of a landmark in another vein
 # mm rms, of all of them, on a patient's own prior: places marked to 2 mm per axis lie 3.5 mm off, and 3.9 at
 # most in healthy maps; another person's veins are elsewhere
 LANDMARKS_RMS = 4.6
 SIZE = 0.13  # of the logarithm of a scale: no heart is an eighth larger or smaller than it was imaged
-STILL = 0.1  # of the noise: a motion that moves less in a round counts as at rest
 FARTHER = 0.1  # mm behind the baseline that always count as worse
 MANY_OUTLIERS = 0.2  # share of outliers that bad contact brings about
 
@@ -36,7 +36,7 @@ def checks(subject: Subject) -> list[Check]:
     """
     return [
         _check_validity(subject),
-        _check_convergence(subject),
+        check_convergence(subject),
         _against_baseline(subject),
         check_expected_error(subject),
         _check_calibration(subject),
@@ -56,41 +56,9 @@ def _check_validity(subject: Subject) -> Check:
     name = f"Valid {words_of(subject).shape}"
     faults = subject.last.run.faults_of(subject.last.key)
     if faults:
-        return Check(name, "bad", "not valid: " + "; ".join(faults), _count_words(faults, "fault"))
+        return Check(name, "bad", "not valid: " + "; ".join(faults), count_words(faults, "fault"))
     kind = "self-intersections" if subject.case.dimension == 2 else "holes or folds"
     return Check(name, "good", f"valid: no new {kind}", "valid")
-
-
-def _count_words(found: Sequence[str], word: str) -> str:
-    return f"{len(found)} {word}{'' if len(found) == 1 else 's'}"
-
-
-def _check_convergence(subject: Subject) -> Check:
-    """Compare the last step of a motion with the noise: one that hardly moves any more is near its end."""
-    name = "Converged"
-    steps = _last_steps(subject.last.run)
-    if not steps:
-        return Check(name, "good", "all stages converged", "all stages")
-    moving = [key for key, step in steps.items() if step is None or step > STILL]
-    if moving:
-        return Check(name, "amber", f"not converged: {', '.join(moving)}", _count_words(moving, "stage"))
-    most = max(step for step in steps.values() if step is not None)
-    said = f"{', '.join(steps)} still moved, by {most:.1%} of the noise in a round"
-    return Check(name, "good", said, "nearly")
-
-
-def _last_steps(run: Run) -> dict[str, float | None]:
-    """Return, by estimate that has not converged, the last step of its motion over the noise; None where no
-    stage has said it. A stage that leaves the motion alone has that of the one before.
-    """
-    step: float | None = None
-    found = {}
-    for key, one in run.estimates.items():
-        if one.sigma and "last_step" in one.facts:
-            step = float(one.facts["last_step"]) / one.sigma
-        if not one.converged:
-            found[key] = step
-    return found
 
 
 def _check_calibration(subject: Subject) -> Check:
@@ -199,11 +167,10 @@ def _last_fact(subject: Subject, key: str) -> Any:
 
 def _check_warnings(subject: Subject) -> Check:
     """Repeat the warnings, since no verdict is better than the gravest of them."""
-    run = subject.last.run
-    told = each_once(one for estimate in run.estimates.values() for one in estimate.warnings)
-    grave = sorted((one for one in told if one.grade != "good"), key=lambda one: one.grade == "amber")
+    told = remarks(subject)
+    grave = warnings_of(told)
     if not grave:
-        return Check("Warnings", "good", "no warning puts the result in doubt", "no doubt")
+        short = "; ".join(filter(None, ["none", count_remarks(told)]))
+        return Check(WARNINGS, "good", "no warning puts the result in doubt", short)
     grade: Grade = "bad" if grave[0].grade == "bad" else "amber"
-    said = "; ".join(one.sentence for one in grave)
-    return Check("Warnings", grade, said, _count_words([one.code for one in grave], "warning"))
+    return Check(WARNINGS, grade, "; ".join(one.sentence for one in grave), count_remarks(grave))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .. import __version__
 from .checks import checks
 from .document import document
+from .grading.remarks import remarks
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
@@ -17,7 +18,6 @@ from .sections.outcome import overall, strip
 from .shape_words import words_of
 from .subject import Subject
 from .surfaces.given import before_stages
-from .verdict import warnings
 
 STYLES = ("report.css", "layout.css", "charts.css", "print.css")
 NOTICE = "Research use only. Not for clinical use."
@@ -73,7 +73,7 @@ def _page_head(subject: Subject) -> Html:
     return tag(
         "header",
         tag("div", tag("h1", case.name), tag("p", NOTICE, class_="notice"), class_="title"),
-        overall(found, warnings(subject)),
+        overall(found, remarks(subject)),
         answers(subject, found),
         more,
     )

@@ -1,4 +1,4 @@
-"""The outcome in one sentence, and what speaks against it, most serious first."""
+"""The outcome in one sentence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 
 from ..evaluation.interpolation import REACH
 from ..evaluation.statistics import Difference, paired_difference
-from ..run_warning import each_once
 from .contribution import credit
 from .markup import signed
 from .subject import Result, Subject
@@ -18,7 +17,6 @@ WORDS = {
     "ablation": "the ablation points (not fitted)",
     "fitted": "the fitted points (no evidence of accuracy: it was fitted to them)",
 }
-FEW_POINTS = 50
 SMALLEST_SHARE = 0.005
 
 
@@ -109,44 +107,3 @@ def _describe_alone(subject: Subject) -> str:
     score = subject.last.scores[subject.headline]
     mean = f"{score[f'mean_{subject.unit}']:.2f} {subject.unit}"
     return f"{subject.last.name} is on average {mean} from {WORDS[subject.headline]} ({score['n']} points)."
-
-
-def warnings(subject: Subject) -> list[str]:
-    """Write the sentences that a reader must know before trusting the pictures.
-
-    Invalid, not converged, weak, few data.
-    """
-    chain = [subject.last] + ([subject.first] if subject.first else [])
-    said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
-    said += [_describe_unfinished(result) for result in chain if not result.estimate.converged]
-    said += _estimates_own(subject)
-    fitted = len(subject.case.points.of(*subject.last.fitted))
-    if fitted < FEW_POINTS:
-        said.append(f"Only {fitted} points were fitted.")
-    if subject.headline == "fitted":
-        said.append(
-            "Every point was used in the fit, so nothing here shows how accurate the surface is away from "
-            "them; cross-validate (folds = 5)."
-        )
-    return said
-
-
-def _estimates_own(subject: Subject) -> list[str]:
-    """List the estimates' warnings, each once, after the name of the stage that gave it."""
-    found = each_once(
-        warning for result in _estimates_behind(subject) for warning in result.estimate.warnings
-    )
-    prefix = subject.last.name.removesuffix(subject.last.key)
-    return [f"{prefix}{warning.stage}: {warning.sentence}" for warning in found]
-
-
-def _describe_unfinished(result: Result) -> str:
-    return f"{result.name} did not converge: {result.estimate.status}"
-
-
-def _estimates_behind(subject: Subject) -> list[Result]:
-    """Return the last estimate first, then the others of its run in their order."""
-    return [
-        subject.last,
-        *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last),
-    ]

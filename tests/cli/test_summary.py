@@ -32,7 +32,9 @@ def test_the_worst_check_gives_the_word_and_stands_first(run: Path) -> None:
     }
     first, second, *_, page, folder = str(found).splitlines()
     assert first == "CHECK  level_set: look at this before you rely on it"
-    assert second == "  CHECK  Converged: not converged: level_set"
+    assert (
+        second == "  CHECK  Converged: not converged: level_set (stopped at the largest number of iterations)"
+    )
     assert (page, folder) == (f"no report yet: o3dls report {run} writes it", str(run))
 
 

@@ -23,6 +23,7 @@ from o3dls.report.checks import checks
 from o3dls.report.expected import MEAN_OVER_SD, expected_error, left_out_scatter
 from o3dls.report.grading import expected_error as grading
 from o3dls.report.grading.check import WORDS, Check
+from o3dls.report.grading.remarks import Remark
 from o3dls.report.page import report_page
 from o3dls.report.sections.outcome import overall
 from o3dls.report.subject import Subject, read_subject
@@ -65,8 +66,10 @@ def test_the_strip_says_what_run_json_says(run: Path, tmp_path: Path) -> None:
     found = strip_of(tmp_path / "a")
     last = record["estimates"][record["final"]]
     assert found["Valid surface"][0] == ("good" if record["valid"] else "bad")
-    not_yet = [name for name, one in record["estimates"].items() if not one["converged"]]
-    assert found["Converged"] == ("amber", "CHECK", f"not converged: {', '.join(not_yet)}")
+    not_yet = [
+        f"{name} ({one['status']})" for name, one in record["estimates"].items() if not one["converged"]
+    ]
+    assert found["Converged"] == ("amber", "CHECK", f"not converged: {'; '.join(not_yet)}")
     assert found["Share of outliers"][2] == "6% of the points"
     change = 100 * last["validity"]["volume_change"]
     assert found["Volume change"] == ("good", "OK", f"{change:+.0f} % against the prior")
@@ -102,7 +105,11 @@ def test_an_earlier_stage_that_did_not_converge_is_amber(run: Path, tmp_path: Pa
     record["estimates"]["icp"]["converged"] = False
     record["estimates"]["level_set"]["converged"] = True
     (copy / "run.json").write_text(json.dumps(record))
-    assert strip_of(copy)["Converged"] == ("amber", "CHECK", "not converged: icp")
+    assert strip_of(copy)["Converged"] == (
+        "amber",
+        "CHECK",
+        "not converged: icp (converged: the pairs no longer change)",
+    )
 
 
 def with_sd(subject: Subject, sd: float) -> Subject:
@@ -258,7 +265,7 @@ def test_the_verdict_is_never_better_than_the_gravest_warning(run: Path, code: s
     assert found["Warnings"].grade == grade
     assert ("said" in found["Warnings"].said) == (grade != "good")
     if grade != "good":
-        assert WORDS[found["Warnings"].grade] in str(overall([*found.values()], ["said"]))
+        assert WORDS[found["Warnings"].grade] in str(overall([*found.values()], [Remark("said")]))
 
 
 @pytest.mark.parametrize(("step", "grade"), [(0.01, "good"), (0.3, "amber"), (None, "amber")])
@@ -322,7 +329,7 @@ def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
     assert "CHECK</strong> Look at this before you use the surface: c: 9 mm. </p>" in overall(
         [ok, amber, none], []
     )
-    said = overall([amber, red], ["Only 3 points were fitted.", "x " * 100])
+    said = overall([amber, red], [Remark("Only 3 points were fitted.", "amber"), Remark("x " * 100, "amber")])
     assert "FAIL</strong> Do not use the surface before you know why: d: not valid: a fold; c: 9 mm. " in said
     assert '<a href="#outcome">2 warnings</a>: Only 3 points were fitted; x x' in said
     assert said.endswith(" …</span></p>")

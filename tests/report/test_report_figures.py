@@ -29,6 +29,7 @@ from o3dls.report.drawing.fields import Field, colours_of, known_fields, robust_
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
+from o3dls.report.grading.remarks import Remark
 from o3dls.report.mapping.views import by_veins, in_frame, orientation
 from o3dls.report.sections import slides
 from o3dls.report.sections.scores import mean_table
@@ -36,7 +37,6 @@ from o3dls.report.subject import Subject, read_subject
 from o3dls.report.surfaces import display
 from o3dls.report.surfaces.display import decimated
 from o3dls.report.verdict import verdict
-from o3dls.report.verdict import warnings as warned
 from o3dls.report.writer import Report, write_report
 from tests.finished import NASTY, bulged_case, fine_sphere, finished, finished_2d
 from tests.tiny import sphere
@@ -402,12 +402,13 @@ def test_long_names_stay_in_their_place_and_keep_their_ends(tmp_path: Path) -> N
         assert title.get_window_extent().width < 630  # letters have whole pixels
 
 
-def test_warnings_keep_to_their_lines(tmp_path: Path) -> None:
+def test_remarks_keep_to_their_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slides, "remarks", lambda _: [Remark("far off", "amber"), Remark("few points")])
     subject = read_subject([finished(tmp_path / "run")])
-    wide = {most: slides._write_warnings(subject, most).split("\n") for most in (1, 2, 9)}
+    wide = {most: slides._write_remarks(subject, most).split("\n") for most in (1, 2, 9)}
     assert wide[1] == ["and more in the report"]
     assert len(wide[2]) == 2
-    assert len(wide[9]) == len(warned(subject))
+    assert len(wide[9]) == 2
 
 
 def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from o3dls.report import section
 from o3dls.report.drawing.charts import Axis, Series, axis_over, line_chart
 from o3dls.report.drawing.distance_charts import MOST, beyond, cumulative, histogram, spread_section
 from o3dls.report.drawing.fields import known_fields
+from o3dls.report.grading.remarks import Remark, remarks
 from o3dls.report.markup import signed, tag
 from o3dls.report.palette import DARK, LIGHT, places
 from o3dls.report.section import Section
@@ -28,7 +29,7 @@ from o3dls.report.sections.provenance import as_toml
 from o3dls.report.sections.scores import validity_section
 from o3dls.report.sections.sweep import swept
 from o3dls.report.subject import Subject, read_subject
-from o3dls.report.verdict import headline_difference, warnings
+from o3dls.report.verdict import headline_difference
 from o3dls.report.writer import compare, write_report
 from o3dls.runs.folder import read_record
 from o3dls.runs.record import Provenance
@@ -233,7 +234,7 @@ def test_fitted_ablation_points_count_wherever_fitted_points_do(tmp_path: Path) 
     assert "100 points" in spread.body
     case = replace(case, points=case.points.select(np.arange(103) >= 66))
     few = read_subject([Pipeline([Icp(), ShownAblation()], folds=0).run(case).write(tmp_path / "few")])
-    assert "Only 34 points were fitted." in warnings(few)
+    assert Remark("Only 34 points were fitted.") in remarks(few)
 
 
 class ShownAblation(LevelSet):

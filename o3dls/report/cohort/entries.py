@@ -14,8 +14,8 @@ from ..checks import checks
 from ..drawing.pictures import thumbnail
 from ..expected import expected_error
 from ..grading.check import Grade, doubtful, worst_grade
+from ..grading.remarks import remarks, warnings_of
 from ..subject import HEADLINE, SETS, Result, Subject, case_key, distinct_names, read_subject
-from ..verdict import warnings
 
 MOST_SAID = 6  # differing parameters that are named
 
@@ -74,7 +74,7 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         made={one.key: _parameters_up_to(one, provenance, group) for one in shown},
         valid=not last.run.faults_of(last.key),
         seconds=provenance.seconds,
-        warnings=len(warnings(subject)),
+        warnings=len(warnings_of(remarks(subject))),
         grade=worst_grade(found := checks(subject)),
         doubts=tuple(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
         picture=thumbnail(subject),

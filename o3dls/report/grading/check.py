@@ -38,3 +38,8 @@ def worst_grade(found: Sequence[Check]) -> Grade:
     """Return the grade of all checks together: the worst of those that ask for a look, else good."""
     raised = doubtful(found)
     return raised[0].grade if raised else "good"
+
+
+def count_words(found: Sequence[str], word: str) -> str:
+    """Write how many there are of what a word names."""
+    return f"{len(found)} {word}{'' if len(found) == 1 else 's'}"

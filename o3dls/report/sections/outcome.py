@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from textwrap import shorten
 
-from ..checks import checks
+from ..checks import WARNINGS, checks
 from ..grading.check import WORDS, Check, Grade, doubtful, worst_grade
+from ..grading.remarks import Remark, count_remarks, notes_of, remarks, warnings_of
 from ..markup import Html, join, tag
 from ..section import Section
 from ..subject import Subject
-from ..verdict import verdict, warnings
+from ..verdict import verdict
 from ..wall_parts import parts_table
 
 MEANINGS: Mapping[Grade, str] = {
@@ -18,18 +19,19 @@ MEANINGS: Mapping[Grade, str] = {
     "amber": "Look at this before you use the surface",
     "bad": "Do not use the surface before you know why",
 }
-LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone
+LETTERS = 110  # of the remarks at the top of the page: they fill two lines on a telephone
 
 
-def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
-    """Show the worst grade of the checks, which of them have it, and the beginning of the warnings."""
+def overall(found: Sequence[Check], told: Sequence[Remark]) -> Html:
+    """Show the worst grade of the checks, which of them have it, and the beginning of the remarks."""
     raised, grade = doubtful(found), worst_grade(found)
-    said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised)
+    said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised if one.name != WARNINGS)
+    rests_on = said if raised else _count_passed(found)
     return tag(
         "p",
         tag("strong", WORDS[grade], class_="grade"),
-        f" {MEANINGS[grade]}: {said or _count_passed(found)}. ",
-        _shorten_warnings(sentences),
+        f" {MEANINGS[grade]}{': ' if rests_on else ''}{rests_on}. ",
+        _shorten_remarks(told),
         class_=f"overall {grade}",
     )
 
@@ -43,12 +45,13 @@ def _count_passed(found: Sequence[Check]) -> str:
     return ", ".join(text.format(grades.count(kind)) for kind, text in kinds if kind in grades)
 
 
-def _shorten_warnings(warnings: Sequence[str]) -> Html | None:
-    if not warnings:
+def _shorten_remarks(told: Sequence[Remark]) -> Html | None:
+    """Count the remarks, with the beginning of the gravest: warnings, or notes where there are no others."""
+    if not told:
         return None
-    count = f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
-    text = shorten("; ".join(one.rstrip(".") for one in warnings), LETTERS, placeholder=" …")
-    return tag("span", tag("a", count, href="#outcome"), f": {text}")
+    first = warnings_of(told) or told
+    text = shorten("; ".join(one.sentence.rstrip(".") for one in first), LETTERS, placeholder=" …")
+    return tag("span", tag("a", count_remarks(told), href="#outcome"), f": {text}")
 
 
 def strip(found: Sequence[Check], name: str) -> Html:
@@ -70,17 +73,21 @@ def strip(found: Sequence[Check], name: str) -> Html:
 
 
 def outcome_section(subject: Subject) -> Section:
-    """Show the verdict, every check and every warning in full; the head of the page shortens them."""
-    said = warnings(subject)
+    """Show the verdict, every check and every remark in full; the head of the page shortens them."""
+    told = remarks(subject)
     body = join(
         tag("p", verdict(subject), class_="verdict"),
         parts_table(subject),
         tag("ul", *map(_check_item, checks(subject)), class_="checks", aria_label="Checks"),
-        tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
-        if said
-        else None,
+        _list_remarks(warnings_of(told), "Warnings"),
+        _list_remarks(notes_of(told), "Notes"),
     )
     return Section("outcome", "Outcome", body)
+
+
+def _list_remarks(told: Sequence[Remark], name: str) -> Html | None:
+    items = [tag("li", one.sentence) for one in told]
+    return tag("ul", *items, class_=name.lower(), aria_label=name) if items else None
 
 
 def _check_item(one: Check) -> Html:

@@ -29,10 +29,11 @@ from ..drawing.figures import (
     side_by_side,
 )
 from ..grading.check import WORDS, doubtful, worst_grade
+from ..grading.remarks import remarks
 from ..mapping.views import orientation
 from ..palette import GREY, LIGHT
 from ..subject import SETS, Subject
-from ..verdict import verdict, warnings
+from ..verdict import verdict
 from .outlines import named_outlines
 from .scores import SEEN, mean_table
 
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 NOTICE = "Research use only. Not for clinical use."
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
 MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
-VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and verdict and warnings together
+VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and verdict and remarks together
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
@@ -107,7 +108,7 @@ def _draw_outlines(axes: Axes, subject: Subject, name: str) -> None:
 
 
 def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
-    """Draw one page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
+    """Draw one page, A4 across, as PNG and as PDF: verdict, remarks, surfaces, table and curve."""
     buffer = io.BytesIO()
     with plain_figure(11.69, 8.27) as figure:
         title = figure.text(
@@ -123,7 +124,7 @@ def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
         said = _wrap_text(f"{graded(subject)} {verdict(subject)}", 125, VERDICT_LINES)
         figure.text(0.04, 0.905, "\n".join(said), fontsize=11, va="top", linespacing=1.35, parse_math=False)
         under = 0.895 - 0.025 * len(said)
-        doubts = _write_warnings(subject, TEXT_LINES - len(said))
+        doubts = _write_remarks(subject, TEXT_LINES - len(said))
         figure.text(
             0.04, under, doubts, fontsize=8.5, va="top", color="#7a5200", linespacing=1.3, parse_math=False
         )
@@ -147,9 +148,9 @@ def graded(subject: Subject) -> str:
     return f"{WORDS[worst_grade(found)]}: {said or 'no check found a problem'}."
 
 
-def _write_warnings(subject: Subject, most: int) -> str:
-    """Write the first lines of the warnings, and whether there are more."""
-    lines = [line for text in warnings(subject) for line in _wrap_text(text, 150)]
+def _write_remarks(subject: Subject, most: int) -> str:
+    """Write the first lines of the remarks, and whether there are more."""
+    lines = [line for one in remarks(subject) for line in _wrap_text(one.sentence, 150)]
     return "\n".join(lines if len(lines) <= most else [*lines[: most - 1], "and more in the report"])
 
 
