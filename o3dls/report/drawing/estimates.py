@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from ...arrays import Array
 from ...geometry.surface import Surface
 from ..subject import Subject
+from ..surfaces.beliefs import BELIEVED, beliefs
 from ..surfaces.display import decimated, displayed
 from .charts import STYLES
 from .fields import Field, known_fields
@@ -16,7 +16,6 @@ from .packing import Json, coded, packed
 
 ALL_FACES = 40_000  # shared by the estimates that are not shown at first
 FEWEST, MOST = 2_000, 10_000  # faces of one such estimate
-BELIEVED = 0.5  # weights below mark a point as outlier
 
 
 def all_surfaces(subject: Subject) -> dict[str, Surface]:
@@ -71,27 +70,11 @@ def _judge_points(subject: Subject, name: str) -> Json:
     """Pack what an estimate makes of every drawn point: its distance, its belief where it has one, and 1
     where it was taken for an outlier; and the types of points that the estimate was fitted to.
     """
-    belief = beliefs(subject, name)[subject.results[name].run.points.type != "landmark"]
+    result = subject.results[name]
+    belief = beliefs(result.run, result.key)[result.run.points.type != "landmark"]
     return {
-        "residuals": packed(subject.results[name].point_distances),
+        "residuals": packed(result.point_distances),
         "beliefs": packed(belief),
         "outliers": coded((belief < BELIEVED).astype(np.uint8)),
-        "fitted": list(subject.results[name].fitted),
+        "fitted": list(result.fitted),
     }
-
-
-def beliefs(subject: Subject, name: str) -> Array:
-    """Return the weight (n,) of each point of the case, which says how likely it touches the wall; NaN where
-    it has none.
-    """
-    result = subject.results[name]
-    weights = result.estimate.weights
-    kinds = result.run.points.type
-    found = np.full(len(kinds), np.nan)
-    choices: Sequence[tuple[str, ...]] = (("eam",), ("eam", "inside"))
-    for fitted in choices if weights is not None else ():
-        rows = np.flatnonzero(np.isin(kinds, fitted))
-        if weights is not None and len(weights) == len(rows):
-            found[rows] = weights
-            return found
-    return found

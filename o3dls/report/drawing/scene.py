@@ -33,7 +33,7 @@ GHOST_STYLES: dict[str, Json] = {
 
 
 def scene(subject: Subject, doubts: Sequence[Doubt] = ()) -> Json:
-    """Collect everything that the viewer draws, JSON-ready; doubts: the regions that get a label."""
+    """Collect everything that the viewer draws, JSON-ready; doubts: the parts that get a label."""
     surfaces = with_regions(subject, all_surfaces(subject))
     fields = all_fields(subject, surfaces)
     ghosts = _ghost_surfaces(subject)
@@ -64,7 +64,7 @@ def scene(subject: Subject, doubts: Sequence[Doubt] = ()) -> Json:
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _pack_points(subject, low, size),
         "landmarks": _list_landmarks(subject),
-        "doubts": [{"name": one.name, "at": one.place.tolist()} for one in doubts],
+        "doubts": [{"name": one.label, "at": one.place.tolist()} for one in doubts],
         "next": _list_next_places(subject),
         **_describe_directions(subject),
     }

@@ -1,5 +1,5 @@
-"""Regions of the last surface not to rely on: those that left-out points contradict, then those that are
-mostly without points.
+"""Parts of the last surface not to rely on: regions that left-out points contradict, parts of the mapped wall
+that are clearly worse than the rest, and regions that are mostly without points.
 """
 
 from __future__ import annotations
@@ -8,15 +8,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...arrays import Array, Ints, Mask
 from ...evaluation.next_places import MEAN_OVER_SD
 from ...evaluation.regions import word
 from ...geometry.surface import Surface
+from ..mapping.place_words import describe_place
 from ..mapping.wall_regions import wall_regions
 from ..subject import Subject
 from .check import Check, worst_grade
 from .expected_error import contradicted_regions
+from .worse_parts import worse_parts
 
 NAMED = 3  # on the first screen and in the pictures; the tables have all
 UNMAPPED = 0.5  # share of a region without points from which its shape is that of the image
@@ -24,28 +27,55 @@ UNMAPPED = 0.5  # share of a region without points from which its shape is that 
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """A doubt is a region not to rely on: its name, its error with the reason, and a place (3,) on its
-    wall.
+    """A doubt is a part not to rely on: its name, its error with the reason, a place (3,) on its wall, what
+    stands there in the pictures, and whether it is a part without points.
     """
 
     name: str
     said: str
     place: Array
+    label: str
+    unmapped: bool = False
 
 
 def doubted_regions(subject: Subject, found: Sequence[Check]) -> list[Doubt]:
-    """Return the regions not to rely on, the worst first; none where a check failed, as then all is in
-    doubt.
+    """Return the parts not to rely on, the worst of each kind first; none where a check failed, as then all
+    is in doubt. Parts and regions without points are named where these are known.
     """
+    if worst_grade(found) == "bad":
+        return []
     surface = subject.last.estimate.surface
-    of = None if worst_grade(found) == "bad" else wall_regions(subject, surface)
-    return [] if of is None else [*_contradicted(subject, surface, of), *_unmapped(subject, surface, of)]
+    of = wall_regions(subject, surface)
+    if of is None:
+        return list(_worse(subject, surface, None))
+    return [
+        *_contradicted(subject, surface, of),
+        *_worse(subject, surface, of),
+        *_unmapped(subject, surface, of),
+    ]
+
+
+def _worse(subject: Subject, surface: Surface, of: Ints | None) -> Iterator[Doubt]:
+    """List the parts that are worse than the rest of the mapped wall, but for those of regions that are named
+    as a whole.
+    """
+    named = list(contradicted_regions(subject))
+    tree = cKDTree(surface.vertices)
+    for one in worse_parts(subject):
+        at = int(tree.query(one.place)[1])
+        region = None if of is None else int(of[at])
+        if region in named:
+            continue
+        words = ["" if region is None else word(region), describe_place(subject, one.place)]
+        where = ", ".join(filter(None, words)) or f"around ({', '.join(f'{x:.0f}' for x in one.place)})"
+        error = f"{one.error:.1f} {subject.unit}"
+        yield Doubt(where, f"{error} {one.known_by}", one.place, error)
 
 
 def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doubt]:
     for region, one in contradicted_regions(subject).items():
         said = f"{one.distance:.1f} {subject.unit} at {one.count} left-out points"
-        yield Doubt(word(region), said, _middle_of(surface, of == region))
+        yield Doubt(word(region), said, _middle_of(surface, of == region), word(region))
 
 
 def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
@@ -67,6 +97,8 @@ def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
             word(int(region)),
             f"no points, {error:.1f} {unit} by the model",
             _middle_of(surface, (of == region) & (far > 0)),
+            word(int(region)),
+            unmapped=True,
         )
         for region, error in worst
     ]

@@ -13,6 +13,7 @@ from ...evaluation.next_places import Advice, Place
 from ...evaluation.regions import word
 from ...evaluation.wall_modes import wall_modes
 from ..subject import Subject
+from .place_words import describe_place, nearest_landmark
 from .wall_regions import advised, landmarks_in_map, wall_regions
 
 SHOWN = 3  # places in the report
@@ -27,21 +28,20 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Located:
-    """A located place has its region (empty where regions are not known), and the nearest landmark with its
-    distance (empty and None where there is none).
+    """A located place has its region (empty where regions are not known), words for where it lies from the
+    nearest landmark, and that with its distance (empty and None where there is none).
     """
 
     place: Place
     region: str
+    beside: str
     landmark: str
     landmark_distance: float | None
-    unit: str
 
     @property
     def where(self) -> str:
-        """Where the place is, in words such as `roof, 12 mm from RSPV`."""
-        near = f"{self.landmark_distance:.0f} {self.unit} from {self.landmark}" if self.landmark else ""
-        return ", ".join(filter(None, [self.region, near])) or "–"
+        """Where the place is, in words such as `roof, 12 mm behind RSPV`."""
+        return ", ".join(filter(None, [self.region, self.beside])) or "–"
 
     @property
     def gain(self) -> str:
@@ -59,6 +59,7 @@ class Located:
         """Return the place with its region and landmark as plain values, JSON-ready."""
         found = asdict(self.place) | {"xyz": self.place.xyz.tolist()}
         return found | {
+            "where": self.where,
             "region": self.region,
             "landmark": self.landmark,
             "landmark_distance": self.landmark_distance,
@@ -87,13 +88,10 @@ def located(subject: Subject, found: Advice) -> list[Located]:
     marks = landmarks_in_map(subject)
     return [
         Located(
-            one, "" if of is None else word(int(of[one.vertex])), *_nearest_landmark(one, marks), subject.unit
+            one,
+            "" if of is None else word(int(of[one.vertex])),
+            describe_place(subject, one.xyz),
+            *nearest_landmark(marks, one.xyz),
         )
         for one in found.places
     ]
-
-
-def _nearest_landmark(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
-    gaps = {name: float(np.linalg.norm(at - place.xyz)) for name, at in marks.items()}
-    name = min(gaps, key=gaps.__getitem__, default="")
-    return name, gaps.get(name)

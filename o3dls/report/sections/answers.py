@@ -62,19 +62,15 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
 
 
 def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
-    """Name the regions not to rely on, each with its error."""
+    """Name the parts not to rely on, each with its error."""
     if worst_grade(found) == "bad":
         return "the whole surface: a check failed"
-    named = [f"{one.name} ({one.said})" for one in doubted_regions(subject, found)]
-    more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
-    return ", ".join([*named[:NAMED], *more]) or _describe_rest(subject)
-
-
-def _describe_rest(subject: Subject) -> str:
-    """Say how much wall has no points where no region is to be named."""
-    if (subject.unmapped or 0.0) < SMALLEST_SHARE:
-        return "no part in particular"
-    return f"the {subject.unmapped or 0.0:.0%} of the wall without points (hatched)"
+    doubts = doubted_regions(subject, found)
+    named = ", ".join(f"{one.name} ({one.said})" for one in doubts[:NAMED])
+    more = f" and {len(doubts) - NAMED} more" if len(doubts) > NAMED else ""
+    share = 0.0 if any(one.unmapped for one in doubts) else subject.unmapped or 0.0
+    rest = f"the {share:.0%} of the wall without points (hatched)" if share >= SMALLEST_SHARE else ""
+    return "; ".join(filter(None, [named + more, rest])) or "no part in particular"
 
 
 def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
@@ -100,13 +96,9 @@ def _places_to_map(subject: Subject) -> list[str]:
     advice = shown_advice(subject)
     if advice is None or not advice.places:
         return []
-    known = dict[str, str]()
-    for one in located(subject, advice):
-        if one.where != "–":
-            words = "" if known else "error there "
-            known.setdefault(one.where, f"{one.where} ({words}{one.gain} {subject.unit})")
-    return [
-        f"take more points here: {' or '.join(known.values())}"
-        if known
-        else "take points at the places below"
-    ]
+    named = list[str]()
+    for k, one in enumerate(located(subject, advice), 1):
+        where = "" if one.where == "–" else f"{one.where}, "
+        named.append(f"{k} ({where}error {'' if named else 'there '}{one.gain} {subject.unit})")
+    shown = "numbered in the pictures" if subject.case.dimension == 3 else "below"
+    return [f"take more points at these places, {shown}: {', '.join(named)}"]
