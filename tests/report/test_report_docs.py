@@ -19,7 +19,7 @@ from o3dls.evaluation.interpolation import REACH
 from o3dls.report import checks as module
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.expected import DUE, OFF
-from o3dls.report.grading import expected_error, wall
+from o3dls.report.grading import convergence, expected_error, wall
 from o3dls.report.grading.check import WORDS
 from o3dls.report.page_parts import asset
 from o3dls.report.section import Maker
@@ -49,7 +49,7 @@ ENTRIES = {row[0]: row[1:] for row in rows("entry")}
 # each entry, the function that grades it, and the thresholds of that, as they are written
 GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Valid surface": ("_check_validity", ()),
-    "Converged": ("_check_convergence", (f"more than {100 * module.STILL:g} % of the noise",)),
+    "Converged": ("check_convergence", (f"more than {100 * convergence.STILL:g} % of the noise",)),
     "Against icp": ("_against_baseline", (f"more than {module.FARTHER:g} mm",)),
     "Expected error": (
         "check_expected_error",
