@@ -121,7 +121,9 @@ def grading(folder: Path) -> Record:
         "grade": summary(folder).grade,
         "final": subject.last.key,
         "checks": [{"name": one.name, "grade": one.grade, "said": one.said} for one in found],
-        "doubts": [{"name": one.name, "said": one.said} for one in doubted_regions(subject, found)],
+        "doubts": [
+            {"name": one.region or one.name, "said": one.said} for one in doubted_regions(subject, found)
+        ],
         "warnings": [warning.record() for warning in warned],
         "headline": None if expected is None else vars(expected),
         "validity": dict(subject.last.validity),

@@ -17,6 +17,7 @@ sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 
 import site_access  # noqa: E402  # they stand beside this file
 import site_pages  # noqa: E402
+import site_search  # noqa: E402
 
 import o3dls  # noqa: E402  # of this clone
 
@@ -43,7 +44,8 @@ html_title = f"o3dls {release}"
 html_show_sphinx = False
 html_show_sourcelink = False
 html_copy_source = False
-html_show_search_summary = False  # it would be fetched, which browsers refuse to a page that is a file
+html_show_search_summary = False  # it would be fetched, which browsers refuse to a page that is a file:
+html_static_path = [site_search.SCRIPT]  # this has it from a script instead
 html_math_renderer = "mathml"
 
 
@@ -60,5 +62,7 @@ def setup(app: Any) -> None:
     app.connect("source-read", site_pages.read)
     app.connect("build-finished", site_access.finished)
     app.connect("build-finished", site_pages.add_demo)
+    app.connect("build-finished", site_search.write_texts)
+    app.connect("html-page-context", site_search.add_script)
     inline, block = (lambda t, n: _math(t, n, block=False)), (lambda t, n: _math(t, n, block=True))
     app.add_html_math_renderer("mathml", (inline, None), (block, None))

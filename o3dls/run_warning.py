@@ -110,6 +110,11 @@ class RunWarning:
         """What a verdict is at best beside it: good for information, amber for a doubt, bad for a failure."""
         return GRADES.get(self.code, "good")
 
+    @property
+    def kind(self) -> str:
+        """What it is called: a warning puts the result in doubt, a note only informs."""
+        return "note" if self.grade == "good" else "warning"
+
     def record(self) -> dict[str, str]:
         """The warning as run.json holds it."""
         return {"code": self.code, "stage": self.stage, "sentence": self.sentence}

@@ -154,6 +154,20 @@ def test_the_search_finds_a_word_without_a_network(site: Path, launch: Callable[
     assert all(request.startswith("file:") for request in visit.requests)
 
 
+@pytest.mark.parametrize("word", ["CARTO", "ostium"])
+def test_a_result_of_the_search_has_an_excerpt_with_the_word_also_from_a_file(
+    site: Path, launch: Callable[..., Any], word: str
+) -> None:
+    visit = Visit(launch(webgl=False), f"{(site / 'search.html').as_uri()}?q={word}", wait=False)
+    marks = visit.page.locator("ul.search li .context mark")
+    marks.first.wait_for()
+    assert {text.lower() for text in marks.all_inner_texts()} == {word.lower()}
+    if word == "CARTO":
+        visit.page.locator("ul.search li a", has_text="A CARTO study on its late").first.wait_for()
+    assert not visit.errors
+    assert violations(visit) == []
+
+
 @pytest.mark.parametrize("width", [390, 1440])
 def test_no_page_is_wider_than_the_window(site: Path, launch: Callable[..., Any], width: int) -> None:
     page = launch(webgl=False).new_page(viewport={"width": width, "height": 900})

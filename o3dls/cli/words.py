@@ -77,7 +77,8 @@ class Lines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         said = escaped(record.getMessage())
         if record.levelno > logging.INFO:
-            said = f"{record.levelname.lower()}: {said}"
+            kind = record.__dict__.get("kind", record.levelname.lower())  # a note, of what only informs
+            said = f"{kind}: {said}"
         if not self.terminal:
             return said
         line = f"{record.relativeCreated / 1000.0:6.1f} s  {said}"

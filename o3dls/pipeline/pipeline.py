@@ -127,7 +127,7 @@ class Pipeline:
         folds = Folds(refit, with_refit_prior(case), self.folds, pool) if self.folds else None
         estimates = _warned(self._fit_and_judge(case), reduction)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
-            log.warning("%s", warning.sentence)
+            log.warning("%s", warning.sentence, extra={"kind": warning.kind})
         left_out = folds.left_out() if folds else {}
         if pool:
             pool.shutdown(wait=False)  # not waited for: a process takes its time to end
@@ -143,7 +143,7 @@ class Pipeline:
         faulty = {name for name in chain if run.faults_of(name)}
         final, warnings = ending(chain, left_out, corrected, faulty, keep_last=self.keep_last)
         for warning in warnings:
-            log.warning("%s", warning.sentence)
+            log.warning("%s", warning.sentence, extra={"kind": warning.kind})
         run = replace(run, estimates=_warned(run.estimates, warnings))
         made_in = run.provenance.model_copy(update={"seconds": perf_counter() - begin})
         run = warned_of_far_points(replace(run, ends_with=final))

@@ -170,7 +170,7 @@ def _check_warnings(subject: Subject) -> Check:
     told = remarks(subject)
     grave = warnings_of(told)
     if not grave:
-        short = "; ".join(filter(None, ["no warning", count_remarks(told)]))
+        short = count_remarks(told) or "no warning"
         return Check(WARNINGS, "good", "no warning puts the result in doubt", short)
     grade: Grade = "bad" if grave[0].grade == "bad" else "amber"
     return Check(WARNINGS, grade, "; ".join(one.sentence for one in grave), count_remarks(grave))

@@ -7,19 +7,26 @@ import logging
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from tiny import ball_case
 
+from o3dls.case import Case
 from o3dls.cli.doctor import Check
 from o3dls.cli.main import answer
 from o3dls.cli.progress import Bar, RunBar
 from o3dls.cli.progress import bar as progress_bar
 from o3dls.cli.words import Lines
+from o3dls.estimate import Estimate
 from o3dls.io.case_writer import write_case
 from o3dls.pipeline.file import read_pipeline
 from o3dls.pipeline.outcome import Outcome
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.plugins.stage import Stage
+from o3dls.run_warning import RunWarning
 
 ICP = 'folds = 2\n[[stage]]\nuse = "icp"\n'
 
@@ -93,6 +100,23 @@ def test_lines_on_a_terminal_begin_with_the_seconds_since_the_start() -> None:
     record.relativeCreated = 12_340.0
     assert Lines(terminal=True).format(record) == "  12.3 s  icp: converged"
     assert Lines(terminal=False).format(record) == "icp: converged"
+
+
+@pytest.mark.parametrize(("code", "kind"), [("order-lost", "note"), ("map-shift", "warning")])
+def test_what_only_informs_is_no_warning_on_the_terminal(
+    code: str, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As in the report: a run that ends OK is not said to have warnings."""
+
+    class Telling(Stage):
+        name: ClassVar[str] = "telling"
+
+        def __call__(self, case: Case, start: Estimate) -> Estimate:
+            return replace(start, warnings=(RunWarning(code, "it is so"),))
+
+    Pipeline([Telling()], folds=0).run(ball_case(points=40))
+    said = [Lines(terminal=False).format(one) for one in caplog.records if "it is so" in one.getMessage()]
+    assert said == [f"{kind}: it is so"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")

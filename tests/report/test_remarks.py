@@ -98,4 +98,4 @@ def test_warnings_that_alone_are_in_doubt_are_not_counted_twice(subject: Subject
 def test_a_page_has_the_same_count(subject: Subject, tmp_path: Path) -> None:
     folder = finished(tmp_path / "run")
     found = {one.name: one.short for one in checks(read_subject([folder]))}
-    assert found["Warnings"] == "no warning; 1 note"
+    assert found["Warnings"] == "1 note"

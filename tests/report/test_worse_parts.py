@@ -134,7 +134,7 @@ def test_where_the_patients_axes_are_unknown_the_direction_is_by_the_priors(tmp_
     case = replace(case, prior_landmarks=marks, points=points, frame="unknown")
     subject = read_subject([finished(tmp_path / "run", case)])
     place = np.array([0.0, 20.0, 0.0]) + np.array([-9.0, 0.0, 8.0])
-    assert describe_place(subject, place) == "12 mm from L0 towards prior −x and +z"
+    assert describe_place(subject, place) == "12 mm from L0 towards prior −x, +z"
 
 
 def test_without_landmarks_a_place_has_no_words_and_a_doubt_has_coordinates(tmp_path: Path) -> None:

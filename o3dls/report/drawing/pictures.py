@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ...arrays import Array
+from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..mapping.views import orientation
 from ..markup import Html, tag
@@ -84,6 +85,14 @@ def thumbnail(subject: Subject) -> bytes:
     return buffer.getvalue()
 
 
+def _hatch_unmapped(surface: Surface, values: Array, unit: str) -> Array:
+    """Return the grey (n,) of the hatching where no point is near, 0 elsewhere: on wall without a value,
+    which is grey itself, it is darker, as the viewer draws it.
+    """
+    far = surface.fields.get(f"distance_to_nearest_point_{unit}", np.zeros(len(values))) > REACH
+    return np.where(far, np.where(np.isfinite(values), 0.72, 0.42), 0.0)
+
+
 def _png_of(pixels: Any) -> bytes:
     from PIL import Image
 
@@ -115,7 +124,7 @@ def _draw_picture(
 
     canvas = Canvas(view, *pixels, (1, 1, 1))
     values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
-    canvas.surface(surface, colours_of(values, field))
+    canvas.surface(surface, colours_of(values, field), _hatch_unmapped(surface, values, subject.unit))
     result = subject.results[name]
     points = result.drawn_points
     canvas.balls(

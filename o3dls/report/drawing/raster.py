@@ -15,6 +15,7 @@ from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
 FLOOR, INSIDE = 0.85, 0.93  # of the light, and of that on the inner side: colours are read by their lightness
+HATCH = 14  # pixels of the fine grid from line to line
 RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a wall of its own colour
 
 
@@ -53,12 +54,15 @@ class Canvas:
             [columns / 2 + flat[:, 0] * self._scale, rows / 2 - flat[:, 1] * self._scale, flat[:, 2]]
         )
 
-    def surface(self, surface: Surface, colours: Array) -> None:
-        """Draw a surface with a colour per vertex (n, 3) in [0, 1]."""
+    def surface(self, surface: Surface, colours: Array, stripes: Array | None = None) -> None:
+        """Draw a surface with a colour per vertex (n, 3) in [0, 1], hatched in the greys (n,) where they are
+        above 0.
+        """
         facing = surface.vertex_normals @ self.view.axes[2]
         corners = self._place_on_grid(surface.vertices)
         shades = np.asarray(colours, dtype=np.float64)
-        _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
+        hatch = np.zeros(len(shades)) if stripes is None else np.asarray(stripes, dtype=np.float64)
+        _draw_triangles(corners, surface.faces, shades, hatch, facing, self._colour, self._depth)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
@@ -80,7 +84,7 @@ class Canvas:
 
 
 @njit(cache=True, nogil=True)
-def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: ignore[no-untyped-def]
+def _draw_triangles(corners, faces, colours, stripes, facing, picture, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     for f in range(len(faces)):
         a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
@@ -106,12 +110,17 @@ def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: i
                 # rows count down, so a positive area is a face seen from inside
                 most = 1.0 if area < 0.0 else INSIDE
                 light = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
+                nearest = faces[f, 0] if u >= max(v, w) else faces[f, 1] if v >= w else faces[f, 2]
+                lined = stripes[nearest] > 0.0 and (x + y) % HATCH < 0.4 * HATCH
                 for k in range(3):
-                    picture[y, x, k] = light * (
+                    shade = (
                         u * colours[faces[f, 0], k]
                         + v * colours[faces[f, 1], k]
                         + w * colours[faces[f, 2], k]
                     )
+                    if lined:
+                        shade = 0.2 * shade + 0.8 * stripes[nearest]
+                    picture[y, x, k] = light * shade
 
 
 @njit(cache=True, nogil=True)

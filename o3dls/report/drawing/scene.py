@@ -64,7 +64,7 @@ def scene(subject: Subject, doubts: Sequence[Doubt] = ()) -> Json:
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _pack_points(subject, low, size),
         "landmarks": _list_landmarks(subject),
-        "doubts": [{"name": one.label, "at": one.place.tolist()} for one in doubts],
+        "doubts": [{"name": one.label or one.name, "at": one.place.tolist()} for one in doubts],
         "next": _list_next_places(subject),
         **_describe_directions(subject),
     }

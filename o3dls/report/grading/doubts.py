@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Array, Ints, Mask
 from ...evaluation.next_places import MEAN_OVER_SD
-from ...evaluation.regions import word
+from ...evaluation.regions import VALVE, word
 from ...geometry.surface import Surface
 from ..mapping.place_words import describe_place
 from ..mapping.wall_regions import wall_regions
@@ -28,13 +28,15 @@ UNMAPPED = 0.5  # share of a region without points from which its shape is that 
 @dataclass(frozen=True, eq=False)
 class Doubt:
     """A doubt is a part not to rely on: its name, its error with the reason, a place (3,) on its wall, what
-    stands there in the pictures, and whether it is a part without points.
+    stands there in the pictures (its name if empty), the region that it is or lies in (empty where regions
+    are not known), and whether it is a part without points.
     """
 
     name: str
     said: str
     place: Array
-    label: str
+    label: str = ""
+    region: str = ""
     unmapped: bool = False
 
 
@@ -64,18 +66,19 @@ def _worse(subject: Subject, surface: Surface, of: Ints | None) -> Iterator[Doub
     for one in worse_parts(subject):
         at = int(tree.query(one.place)[1])
         region = None if of is None else int(of[at])
-        if region in named:
+        if region in named or region == VALVE:  # which is no wall
             continue
         words = ["" if region is None else word(region), describe_place(subject, one.place)]
         where = ", ".join(filter(None, words)) or f"around ({', '.join(f'{x:.0f}' for x in one.place)})"
         error = f"{one.error:.1f} {subject.unit}"
-        yield Doubt(where, f"{error} {one.known_by}", one.place, error)
+        yield Doubt(where, f"{error} {one.known_by}", one.place, error, words[0])
 
 
 def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doubt]:
     for region, one in contradicted_regions(subject).items():
         said = f"{one.distance:.1f} {subject.unit} at {one.count} left-out points"
-        yield Doubt(word(region), said, _middle_of(surface, of == region), word(region))
+        name = word(region)
+        yield Doubt(name, said, _middle_of(surface, of == region), region=name)
 
 
 def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
@@ -97,7 +100,7 @@ def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
             word(int(region)),
             f"no points, {error:.1f} {unit} by the model",
             _middle_of(surface, (of == region) & (far > 0)),
-            word(int(region)),
+            region=word(int(region)),
             unmapped=True,
         )
         for region, error in worst

@@ -15,6 +15,7 @@ from .farthest_part import farthest_part
 # of the volume: healthy atria empty by 55 % of their largest (58 of 103 ml in men, 48 of 89 in women;
 # Hudsmith et al., J Cardiovasc Magn Reson 2005;7:775): half is about the most that a heart phase explains
 BEAT, LARGE_CHANGE = 0.55, 0.5
+SMALL_CHANGE = 0.1  # beside which the strip does not say what is normal
 REMOVED, TUBE = 0.01, 5.0  # share of the wall, and mm of a tube, whose removal is to be looked at
 FAR_REACH = 20.0  # mm from every point, from which a part of the wall is named,
 FAR_SHARE = 0.1  # and its share of the wall from which it is to be looked at
@@ -101,7 +102,8 @@ def volume(subject: Subject) -> Check:
     large = abs(change) >= LARGE_CHANGE
     short = f"{signed(100 * change, 0)} %"
     said = f"{short} against the prior{_explain_change(subject, large)}"
-    beat = f" (a beat: {BEAT:.0%})" if subject.case.dimension == 3 else ""
+    notable = subject.case.dimension == 3 and abs(change) >= SMALL_CHANGE
+    beat = f" (a beat: {BEAT:.0%})" if notable else ""
     return Check(name, "amber" if large else "good", said, short + beat)
 
 

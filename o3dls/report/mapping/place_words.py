@@ -47,7 +47,7 @@ def describe_place(subject: Subject, place: Array) -> str:
     sides = _name_sides(seen, place - marks[name])
     if seen.patient:
         return f"{far} {' and '.join(sides)} {name}"
-    return f"{far} from {name} towards prior {' and '.join(one.removeprefix('prior ') for one in sides)}"
+    return f"{far} from {name} towards prior {', '.join(one.removeprefix('prior ') for one in sides)}"
 
 
 def _name_sides(seen: Orientation, step: Array) -> list[str]:

@@ -8,16 +8,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, Mask
 from ...evaluation.electrical import ELECTRICAL, measured_values
 from ...evaluation.interpolation import REACH, WIDTH
+from ...evaluation.measures.numbers import CM2, Parts, Quantity, measure_surface, named_parts
+from ...evaluation.regions import SIDES, openings, word
 from ...geometry.surface import Surface
-from ..markup import Child, join, table, tag
+from ...quantities import VOLTAGES
+from ..drawing.charts import Axis, Series, axis_over, grouped, line_chart
+from ..mapping.wall_regions import landmarks_in_map, wall_regions
+from ..markup import Child, Html, join, table, tag
 from ..section import Section
 from ..subject import Subject
 from ..surfaces.electrical import with_electrical
 
-LOW_VOLTAGE = 0.5  # mV, bipolar: the usual border of scar
+BINS, MOST_SHOWN = 24, 99.0  # bins of the histogram, and the percentile of the values where it ends
 
 
 def electrical_section(subject: Subject) -> Section | None:
@@ -41,10 +46,12 @@ def electrical_section(subject: Subject) -> Section | None:
         f"Each vertex has the mean of the values measured near it, weighted by a Gaussian of {WIDTH:g} mm; "
         f"farther than {REACH:g} mm from all of them the wall has no value."
     )
+    mapped = [name for name in VOLTAGES if name in values and subject.unit == "mm"]
+    voltages = [_describe_voltage(subject, surface, name) for name in mapped]
     return Section(
         "electrical",
         "Electrical map",
-        join(table(head, rows), _low_voltage(surface, subject.last.name), tag("p", said, class_="soft")),
+        join(table(head, rows), *voltages, tag("p", said, class_="soft")),
     )
 
 
@@ -67,18 +74,44 @@ def _column_row(surface: Surface, name: str, xyz: Array, values: Array) -> list[
     ]
 
 
-def _low_voltage(surface: Surface, name: str) -> Child:
-    """Say which share of the reached wall is below the usual border of scar."""
-    voltage = surface.fields.get("bipolar")
-    if voltage is None or not np.isfinite(voltage).any():
+def _describe_voltage(subject: Subject, surface: Surface, name: str) -> Html:
+    """Tabulate the area below the thresholds of a voltage by part of the chamber, and draw its histogram."""
+    values = surface.fields[name]
+    chamber = openings(surface, landmarks_in_map(subject)) < 0
+    sides = {k: word(k) for k in range(len(SIDES))}
+    parts = named_parts(wall_regions(subject, surface), sides, chamber)
+    thresholds, unit = VOLTAGES[name], ELECTRICAL[name]
+    found = measure_surface(surface, Parts(parts, thresholds=thresholds, unit=unit), values=values)
+    head: list[Child] = ["part of the chamber", "area, cm²"]
+    for threshold in thresholds:
+        head += [f"below {threshold:g} {unit}, cm²", "of the area with values, %"]
+    rows = [_area_row(found, part, [f"below {one:g} {unit}" for one in thresholds]) for part in parts]
+    note = f"{name.capitalize()} voltage of {subject.last.name}. Valve, veins and appendage are left out."
+    return join(table(head, rows, note), _draw_histogram(surface, values, chamber, f"{name}, {unit}"))
+
+
+def _area_row(found: dict[Quantity, float], part: str, below: list[str]) -> list[Child]:
+    row: list[Child] = [part, f"{found[Quantity('area', part, 'cm²')]:.1f}"]
+    for what in below:
+        share = found[Quantity(f"share {what}", part, "%")]
+        row += [
+            f"{found[Quantity(f'area {what}', part, 'cm²')]:.1f}",
+            "–" if np.isnan(share) else f"{share:.0f}",
+        ]
+    return row
+
+
+def _draw_histogram(surface: Surface, values: Array, chamber: Mask, label: str) -> Html | None:
+    """Draw how much of the chamber's wall has which value."""
+    known = chamber & np.isfinite(values)
+    if not known.any():
         return None
-    reached = _area_share(surface, np.isfinite(voltage))
-    low = _area_share(surface, voltage < LOW_VOLTAGE)
-    return tag(
-        "p",
-        f"{low / reached:.0%} of the wall with values of the fused surface ({name}) is below "
-        f"{LOW_VOLTAGE:g} mV bipolar.",
-    )
+    reach = max(float(np.percentile(values[known], MOST_SHOWN)), 1e-9)
+    area, edges = np.histogram(values[known], BINS, (0.0, reach), weights=surface.vertex_areas[known] / CM2)
+    one = Series("area", 0, np.repeat(edges, 2)[1:-1], np.repeat(area, 2))
+    middles = (edges[1:] + edges[:-1]) / 2
+    title = "Area of the wall at a voltage"
+    return grouped(line_chart(title, [one], Axis(label, 0.0, reach), axis_over("cm²", [one.y]), middles))
 
 
 def _area_share(surface: Surface, marked: NDArray[np.bool_]) -> float:

@@ -35,7 +35,7 @@ def picture_section(subject: Subject) -> Section | None:
         return None
     shapes = (
         "Discs: eam points; squares: ablation points; diamonds: fitted points that were judged "
-        "outliers. Grey: no value."
+        "outliers. Hatched: no points here, shape from the image alone. Grey: no value of this colour."
     )
     seen = orientation(subject)
     known = subject.case.frame != "unknown"

@@ -146,6 +146,7 @@ function connectBar(id, apply, automatic, signed = () => false) {
 function paintAllPoints(draw = invalidate) {
   panels.forEach((panel) => paintPoints(panel, settings));
   markBars();
+  explainWall();
   draw();
 }
 

@@ -45,7 +45,8 @@ const FRAGMENT = `
     float facing = abs(normalize(vNormal).z);
     vec3 colour = plain;
     float value = coded ? vCode : vValue;
-    if (mapped && value > -1e20) {
+    bool bare = !mapped || value < -1e20; // grey, on which lines in its own grey would not show
+    if (!bare) {
       float t = clamp((value - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
       colour = texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
     }
@@ -53,7 +54,7 @@ const FRAGMENT = `
     float wide = fwidth(count); // steps per pixel: where lines would merge there are none
     bool line = wide < 0.4 && abs(fract(count + 0.5) - 0.5) < 0.8 * wide;
     if (mapped && isochrones > 0.0 && vValue > -1e20 && line) colour = vec3(0.08);
-    if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(0.72), 0.8);
+    if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(bare ? 0.42 : 0.72), 0.8);
     float lit = 1.0 - (1.0 - facing) * (1.0 - facing);
     float light = mix(FLOOR, gl_FrontFacing ? 1.0 : INSIDE_LIGHT, lit);
     if (gl_FrontFacing) light = max(FLOOR, light - SHADE * vOcclusion);

@@ -1,10 +1,20 @@
-// Regions of the wall: whole numbers as colours, with a list of names in place of the colour bar.
+// What stands below the colour bars: names of the regions of the wall, whose whole numbers are colours, and what hatching and grey mean.
 
 function showRegions(field) {
   const names = field ? field.names : [];
   shared.coded.value = names.length > 0;
   const present = new Set(names.length ? panels.flatMap(({ mesh }) => codesOf(mesh, field.key)) : []);
   $("region-names").replaceChildren(...[...present].sort((a, b) => a - b).map((code) => regionName(field, code)));
+}
+
+// What hatching and plain grey mean, where any of the wall that is shown has them.
+function explainWall() {
+  const shown = panels.filter((panel) => panel.shown);
+  const some = (name, found) => shown.some(({ geometry }) => geometry.getAttribute(name).array.some(found));
+  const hatched = Boolean(scene.remoteness) && shared.hatched.value;
+  $("no-points").hidden = !(hatched && some("remoteness", (far) => far > shared.far.value));
+  $("no-value").hidden = !(settings.field && some("value", (value) => value < -1e20));
+  $("wall-legend").hidden = $("no-points").hidden && $("no-value").hidden;
 }
 
 function codesOf(mesh, key) {

@@ -31,7 +31,7 @@ function connectToolbar() {
   Object.assign($("level"), { min: 0, max: 1, step: 0.005, value: 0.5 });
   $("level").addEventListener("input", cut);
   $("labels").addEventListener("change", () => { settings.labels = $("labels").checked; invalidate(); });
-  $("hatched").addEventListener("change", () => { shared.hatched.value = $("hatched").checked; invalidate(); });
+  $("hatched").addEventListener("change", () => { shared.hatched.value = $("hatched").checked; explainWall(); invalidate(); });
   $("step").addEventListener("change", setStep);
   $("picture").addEventListener("click", savePicture);
   $("measure").addEventListener("click", toggleMeasuring);

@@ -1,0 +1,119 @@
+"""The colour bars stand in the box of the pictures, and its legend says what hatching and grey mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from o3dls.report.drawing.pictures import pictures
+from o3dls.report.subject import read_subject
+from o3dls.report.writer import write_report
+from tests.browser import Visit
+from tests.finished import bulged_case, finished
+from tests.viewer import FIXTURES
+
+run, report, launch, browser, visit = FIXTURES
+
+BOXES = """() => {
+    const box = (one) => {
+        const { left, right, top, bottom } = one.getBoundingClientRect();
+        return { left, right, top, bottom };
+    };
+    const bars = document.querySelector(".bars");
+    const frame = bars.closest(".frame");
+    return {
+        frame: box(frame),
+        paper: [frame, frame.firstElementChild].map((one) => getComputedStyle(one).backgroundColor),
+        parts: [...frame.querySelectorAll(".bars, .bar canvas, .handle, .bar input, .bar button")].map(box),
+        pictures: [...frame.querySelectorAll("#panels canvas")].map(box),
+    };
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
+def test_bars_and_handles_are_in_the_box_of_the_pictures_and_cover_none(
+    browser: Any, report: Path, width: int, height: int, scheme: str
+) -> None:
+    seen = Visit(browser, report, width=width, height=height, color_scheme=scheme)
+    found = seen.page.evaluate(BOXES)
+    frame = found["frame"]
+    assert found["paper"][0] == found["paper"][1]  # of one colour: one box
+    assert len(found["pictures"]) == 2
+    for part in found["parts"]:
+        assert frame["left"] <= part["left"] <= part["right"] <= frame["right"] <= width
+        assert frame["top"] <= part["top"] <= part["bottom"] <= frame["bottom"]
+        for picture in found["pictures"]:
+            assert part["top"] >= picture["bottom"] or part["left"] >= picture["right"]
+    seen.page.close()
+
+
+@pytest.fixture(scope="module")
+def half(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose points lie on one side: the other is farther than 10 mm from all of them."""
+    case = bulged_case(points=160)
+    case = replace(case, truth=None, points=case.points.select(case.points.xyz[:, 2] > -6.0))
+    return finished(tmp_path_factory.mktemp("half") / "run", case, folds=3)
+
+
+@pytest.fixture
+def halved(browser: Any, half: Path) -> Iterator[Visit]:
+    opened = Visit(browser, write_report([half]))
+    yield opened
+    opened.page.close()
+
+
+@pytest.mark.parametrize("colour", ["distance of cross-validated points", "no colour"])
+def test_wall_without_points_is_hatched_also_where_the_colour_has_no_value(
+    halved: Visit, colour: str
+) -> None:
+    page = halved.page
+    page.select_option("#field", label=colour)
+    for box in page.locator("#kinds input, #labels").all():
+        box.uncheck()
+    halved.settle()
+    hatched = halved.picture(0)
+    page.uncheck("#hatched")
+    halved.settle()
+    plain = halved.picture(0)
+    changed = np.abs(hatched.astype(float) - plain).max(axis=-1) > 40  # of 255: lines that are seen
+    rows, _ = np.nonzero(changed)
+    assert changed.mean() > 0.02
+    assert np.median(rows) > changed.shape[0] / 2  # below, where no points are
+    grey = plain[changed][:, :3].astype(float)
+    assert np.ptp(np.median(grey, axis=0)) < 8.0  # without a value: else another colour than grey
+
+
+def test_the_legend_names_hatching_and_missing_values_where_there_are_any(halved: Visit) -> None:
+    page = halved.page
+    page.select_option("#field", label="distance of cross-validated points")
+
+    def shown() -> list[bool]:
+        return [page.locator(f"#{one}").is_visible() for one in ("no-points", "no-value")]
+
+    assert shown() == [True, True]
+    assert page.locator("#wall-legend").inner_text().split("\n")[0].startswith("no points here")
+    page.uncheck("#hatched")
+    assert shown() == [False, True]
+    page.select_option("#field", label="no colour")
+    assert shown() == [False, False]
+    page.check("#hatched")
+    assert shown() == [True, False]
+
+
+def test_a_wall_full_of_points_needs_no_legend(visit: Visit) -> None:
+    visit.page.select_option("#field", label="distance to truth")
+    assert visit.page.locator("#no-value").is_hidden()
+
+
+def test_pictures_without_a_graphics_card_are_hatched_too(half: Path) -> None:
+    subject = read_subject([half])
+    drawn = pictures(subject)[subject.last.name]
+    lower, upper = np.array_split(drawn.astype(float).mean(axis=2), 2)[::-1]
+    steps = [np.abs(np.diff(part, axis=1))[np.abs(np.diff(part, axis=1)) < 120] for part in (lower, upper)]
+    assert (steps[0] > 20).mean() > 2 * (steps[1] > 20).mean()
