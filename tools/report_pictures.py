@@ -102,7 +102,7 @@ def next_places(page: Page) -> Image.Image:
     before = page.input_value("#field")
     page.select_option("#field", "region")
     page.get_by_role("button", name="RL", exact=True).click()
-    pictures = part(page, "#panels", "#region-names")
+    pictures = part(page, "#panels", "#wall-legend")
     page.select_option("#field", before)
     return stacked(pictures, part(page, "#next"))
 
