@@ -353,7 +353,7 @@ def test_picture_is_saved_with_names_and_scale(visit: Visit, tmp_path: Path) -> 
 
 def test_keyboard_reaches_every_control(visit: Visit) -> None:
     reached = set()
-    for _ in range(80):
+    for _ in range(100):
         visit.page.keyboard.press("Tab")
         reached.add(
             visit.page.evaluate(
