@@ -100,7 +100,7 @@ def _describe_gain(parts: Sequence[Part], unit: str) -> str:
     """Describe the gain on that of the parts on which the last estimate does least well."""
     least = max((one.gain for one in parts if one.gain), key=lambda gain: gain.mean)
     if not least.clear and least.mean <= FARTHER:
-        return "no clear difference"
+        return "no significant difference"
     return f"{'closer' if least.mean < 0 else 'farther'} by {abs(least.mean):.2f} {unit}"
 
 
