@@ -33,6 +33,8 @@ const FRAGMENT = `
   uniform float far;
   uniform float opacity;
   uniform float isochrones;
+  uniform vec3 outline;
+  uniform float outlined; // pixels of a line in this colour where the wall turns away
   uniform vec4 plane;
   varying vec3 vNormal;
   varying vec3 vPosition;
@@ -62,6 +64,8 @@ const FRAGMENT = `
     float edge = gl_FrontFacing ? 1.0 - smoothstep(0.8, 2.2, steep) : 0.0;
     float rim = pow(1.0 - facing, 3.0);
     gl_FragColor = vec4(mix(colour * light, vec3(0.12), 0.8 * edge), mix(opacity, 1.0, opacity < 1.0 ? 0.6 * rim : 1.0));
+    float drawn = outlined > 0.0 ? 1.0 - smoothstep(0.6 * outlined, outlined, steep) : 0.0;
+    gl_FragColor = vec4(mix(gl_FragColor.rgb, outline, drawn), max(gl_FragColor.a, drawn));
   }`;
 
 // A point is a flat mark that faces the viewer and has one size on the screen. `form`: 0 is round, 1 a square, 2 a diamond.
@@ -127,7 +131,7 @@ function surfaceMaterial(side, uniforms = {}) {
   return new THREE.ShaderMaterial({
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
-    uniforms: { ...shared, plain: { value: new THREE.Vector3(0.72, 0.72, 0.74) }, ...uniforms },
+    uniforms: { ...shared, plain: { value: new THREE.Vector3(0.72, 0.72, 0.74) }, outline: { value: new THREE.Vector3() }, outlined: { value: 0 }, ...uniforms },
     side,
   });
 }

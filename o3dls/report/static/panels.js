@@ -6,6 +6,7 @@ const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -4000, 4000);
 const target = new THREE.Vector3(...scene.centre);
 camera.up.set(...scene.up);
 
+const OUTLINE = 3; // pixels of the screen
 const geometries = []; // of scene.meshes, decoded when first shown
 const panels = scene.panels.map(makePanel);
 let waiting = false;
@@ -38,7 +39,7 @@ function makePanel(estimate, index) {
   const world = new THREE.Scene();
   const sides = [THREE.BackSide, THREE.FrontSide].map((side) => new THREE.Mesh(geometryOf(scene.estimates[estimate].mesh), surfaceMaterial(side)));
   sides.forEach((mesh) => world.add(mesh));
-  const ghosts = Object.fromEntries(Object.entries(scene.estimates[estimate].ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world)]));
+  const ghosts = Object.fromEntries(Object.entries(scene.estimates[estimate].ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world, scene.ghostStyles[name].colour)]));
   const panel = { index, figure, canvas, note, world, sides, ghosts, marks: [], rows: [], share: 1, shown: true };
   setEstimate(panel, estimate);
   caption.append(estimateSelect(panel), note);
@@ -47,15 +48,26 @@ function makePanel(estimate, index) {
   return panel;
 }
 
-function makeGhost({ mesh }, world) {
-  const own = { mapped: { value: false }, hatched: { value: false }, opacity: { value: 0.12 }, plain: { value: new THREE.Vector3(0.45, 0.5, 0.6) } };
+// A translucent body with an outline in the colour that its contour has in a cut.
+function makeGhost({ mesh }, world, colour) {
+  const own = { mapped: { value: false }, hatched: { value: false }, opacity: { value: 0.12 }, outline: { value: new THREE.Vector3() }, outlined: { value: OUTLINE }, plain: { value: new THREE.Vector3(0.45, 0.5, 0.6) } };
   const ghost = new THREE.Mesh(geometryOf(mesh), surfaceMaterial(THREE.FrontSide, own));
   ghost.material.transparent = true;
   ghost.material.depthWrite = false;
   ghost.matrixAutoUpdate = false;
   ghost.visible = false;
+  ghost.onBeforeRender = () => { // light and dark differ
+    own.outline.value.set(...pageColour(colour));
+    own.outlined.value = OUTLINE * pixelRatio();
+  };
   world.add(ghost);
   return ghost;
+}
+
+// A colour variable of the page, #rrggbb, as [r, g, b] in 0..1.
+function pageColour(name) {
+  const hex = parseInt(getComputedStyle(document.documentElement).getPropertyValue(name).trim().slice(1), 16);
+  return [16, 8, 0].map((shift) => ((hex >> shift) & 255) / 255);
 }
 
 // Mouse, touch and keys of a panel move the one camera.

@@ -164,3 +164,29 @@ def test_a_picture_without_the_chosen_colour_offers_one_that_has_it(
     assert other.page.get_by_role("button", name="Show level_set").count() == 0
     assert other.page.get_by_role("button", name="One large picture").count() == 1
     other.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_ghost_has_an_outline_in_the_colour_of_its_contour(browser: Any, report: Path, scheme: str) -> None:
+    """A closed line: in nearly every row of the ghost there is some of it on either side. (The prior of this
+    case lies within its surfaces.)
+    """
+    visit = Visit(browser, report, color_scheme=scheme)
+    without_marks(visit)
+    hex_ = visit.page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--ink').trim()")
+    colour = np.array([int(hex_[k : k + 2], 16) for k in (1, 3, 5)])
+
+    def drawn() -> Any:
+        picture = visit.picture(0).astype(float)
+        picture[-90:] = 0.0  # the cube and the bar
+        return (np.abs(picture[..., :3] - colour).max(axis=-1) < 12) & (picture[..., 3] > 200)
+
+    before = drawn()
+    visit.page.select_option("#ghost", "truth")
+    visit.settle()
+    line = drawn() & ~before
+    rows = np.flatnonzero(line.any(axis=1))
+    assert len(rows) > 0.9 * np.ptp(rows) > 60
+    sides = [np.ptp(np.flatnonzero(line[row])) for row in rows]
+    assert np.median(sides) > 60
+    visit.page.close()
