@@ -261,6 +261,13 @@ def _takes(played: Script) -> list[dict[str, Any]]:
     return [{"do": "take", "xyz": one["xyz"]} for one in played.points[:FIRST]]
 
 
+def test_before_the_first_fit_the_surface_is_said_to_be_the_priors(visit: Visit, session: Played) -> None:
+    session.server.publish(state(FIRST, fitted=0))
+    says(visit, "#connection", "no point is fitted yet; the surface is the prior in its first pose")
+    session.server.publish(state(FIRST))
+    says(visit, "#connection", "what is shown is now")
+
+
 def test_an_old_fit_is_said_and_can_be_made_again(visit: Visit, session: Played) -> None:
     says(visit, "#connection", "what is shown is now")
     session.server.publish(state(FIRST + 3, behind=3))

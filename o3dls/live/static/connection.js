@@ -50,7 +50,8 @@ function lose(source) {
 // The surface knows every point at once; a full fit, which may find another motion, takes its time.
 function tellNow() {
   if (!session.connected || session.ended) return;
-  if (session.behind) tellConnection(`Connected: the surface knows all points, but its last full fit is ${counted(session.behind)} old.`, "good");
+  if (session.unfitted) tellConnection("Connected: no point is fitted yet; the surface is the prior in its first pose.", "good");
+  else if (session.behind) tellConnection(`Connected: the surface knows all points, but its last full fit is ${counted(session.behind)} old.`, "good");
   else tellConnection("Connected: what is shown is now.", "good");
 }
 

@@ -84,6 +84,7 @@ function takeState(state) {
   write("unmapped-now", millimetres(state.unmapped_mm));
   write("fit-now", fitNow(state));
   session.behind = state.behind ?? 0;
+  session.unfitted = state.points > 0 && state.fitted === 0;
   tellNow();
   write("source-now", state.source ?? "none: points come from this page");
   byId("source-now").classList.toggle("wrong-now", /hung up|refused|lost/.test(state.source ?? ""));
