@@ -83,7 +83,8 @@ class Standing:
         self.fitted, self.status = fitted, estimate.status
         self.expected = expected(case, estimate)
         self.warnings = [
-            {"code": one.code, "stage": one.stage, "text": one.sentence} for one in estimate.warnings
+            {"code": one.code, "stage": one.stage, "kind": one.kind, "text": one.sentence}
+            for one in estimate.warnings
         ]
         if self.history and self.history[-1][0] == fitted:
             self.history.pop()

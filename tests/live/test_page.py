@@ -261,6 +261,17 @@ def _takes(played: Script) -> list[dict[str, Any]]:
     return [{"do": "take", "xyz": one["xyz"]} for one in played.points[:FIRST]]
 
 
+def test_notes_are_listed_apart_from_warnings(visit: Visit, session: Played) -> None:
+    note = {"code": "order-lost", "stage": "deform", "kind": "note", "text": "the order is lost"}
+    doubt = {"code": "map-shift", "stage": "deform", "kind": "warning", "text": "a part is shifted"}
+    for told, none in (([note], True), ([note, doubt], False)):
+        session.server.publish(state(FIRST, warnings=told))
+        says(visit, "#note-list", "deform: the order is lost")
+        assert visit.page.locator("#no-warnings").is_visible() == none
+    says(visit, "#warning-list", "deform: a part is shifted")
+    assert visit.page.locator("#warning-list li").count() == 1
+
+
 def test_before_the_first_fit_the_surface_is_said_to_be_the_priors(visit: Visit, session: Played) -> None:
     session.server.publish(state(FIRST, fitted=0))
     says(visit, "#connection", "no point is fitted yet; the surface is the prior in its first pose")

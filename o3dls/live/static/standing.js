@@ -114,10 +114,16 @@ function listNext(places, ended) {
   session.view?.showNext(session.posed ? places : []);
 }
 
+// Notes, which only inform, apart from warnings, as in the report.
 function listWarnings(warnings) {
-  const texts = warnings.map(({ stage, text }) => (stage ? `${stage}: ${text}` : text));
-  const list = byId("warning-list");
-  byId("no-warnings").hidden = texts.length > 0;
+  const [notes, grave] = [true, false].map((note) => warnings.filter(({ kind }) => (kind === "note") === note));
+  byId("no-warnings").hidden = grave.length > 0;
+  listRemarks(byId("warning-list"), grave);
+  listRemarks(byId("note-list"), notes);
+}
+
+function listRemarks(list, remarks) {
+  const texts = remarks.map(({ stage, text }) => (stage ? `${stage}: ${text}` : text));
   list.hidden = !texts.length;
   if (list.dataset.texts === texts.join("\n")) return;
   list.dataset.texts = texts.join("\n");

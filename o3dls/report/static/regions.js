@@ -12,9 +12,9 @@ function explainWall() {
   const shown = panels.filter((panel) => panel.shown);
   const some = (name, found) => shown.some(({ geometry }) => geometry.getAttribute(name).array.some(found));
   const hatched = Boolean(scene.remoteness) && shared.hatched.value;
-  $("no-points").hidden = !(hatched && some("remoteness", (far) => far > shared.far.value));
-  $("no-value").hidden = !(settings.field && some("value", (value) => value < -1e20));
-  $("wall-legend").hidden = $("no-points").hidden && $("no-value").hidden;
+  $("means-hatched").hidden = !(hatched && some("remoteness", (far) => far > shared.far.value));
+  $("means-grey").hidden = !(settings.field && some("value", (value) => value < -1e20));
+  $("wall-legend").hidden = $("means-hatched").hidden && $("means-grey").hidden;
 }
 
 function codesOf(mesh, key) {

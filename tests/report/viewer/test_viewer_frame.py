@@ -94,7 +94,7 @@ def test_the_legend_names_hatching_and_missing_values_where_there_are_any(halved
     page.select_option("#field", label="distance of cross-validated points")
 
     def shown() -> list[bool]:
-        return [page.locator(f"#{one}").is_visible() for one in ("no-points", "no-value")]
+        return [page.locator(f"#{one}").is_visible() for one in ("means-hatched", "means-grey")]
 
     assert shown() == [True, True]
     assert page.locator("#wall-legend").inner_text().split("\n")[0].startswith("no points here")
@@ -108,7 +108,7 @@ def test_the_legend_names_hatching_and_missing_values_where_there_are_any(halved
 
 def test_a_wall_full_of_points_needs_no_legend(visit: Visit) -> None:
     visit.page.select_option("#field", label="distance to truth")
-    assert visit.page.locator("#no-value").is_hidden()
+    assert visit.page.locator("#means-grey").is_hidden()
 
 
 def test_pictures_without_a_graphics_card_are_hatched_too(half: Path) -> None:
