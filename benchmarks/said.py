@@ -21,6 +21,7 @@ import numpy as np
 from benchmarks.scores import Record
 from benchmarks.verdict import GRADES, WORDS, auc, read_records, reasons, true_error
 
+NEAR = 1.5  # a factor between two errors that a reader would call alike
 HEAD = ("case", "grade", "expected", "true", "bad", "do not rely on", "worst region", "named")
 
 
@@ -54,6 +55,13 @@ def _describe(record: Record) -> tuple[str, ...]:
     )
 
 
+def _compare_mapped(record: Record) -> float | None:
+    """The true error of mapped wall over that which the first screen gives."""
+    said = (record.get("headline") or {}).get("mapped")
+    true = record["truth"]["errors"][record["final"]].get("mapped")
+    return None if said is None or true is None else float(true / said)
+
+
 def _sum_up(records: Sequence[Record]) -> list[str]:
     bad = [record for record in records if reasons(record)]
     good = [record for record in records if not reasons(record)]
@@ -71,6 +79,12 @@ def _sum_up(records: Sequence[Record]) -> list[str]:
         found.append(f"worst region among those named: {named} of {len(known)} screens that name any")
     if ratio:
         found.append(f"true over expected error: median {np.median(ratio):.2f}, largest {max(ratio):.1f}")
+    if mapped := [one for one in map(_compare_mapped, records) if one is not None]:
+        near = sum(1 / NEAR <= one <= NEAR for one in mapped)
+        found.append(
+            f"true over said error of mapped wall: median {np.median(mapped):.2f}, within a factor {NEAR:g} "
+            f"in {near} of {len(mapped)}"
+        )
     return found
 
 

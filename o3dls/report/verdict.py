@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..evaluation.interpolation import REACH
+from ..evaluation.next_places import MEAN_OVER_SD
 from ..evaluation.statistics import Difference, paired_difference
 from .contribution import credit
 from .markup import signed
@@ -25,12 +26,24 @@ def verdict(subject: Subject) -> str:
 
     It ends with how much of the surface has no data.
     """
-    parts = [_describe_comparison(subject) or _describe_alone(subject), *_describe_harm(subject)]
+    parts = [_describe_comparison(subject) or _describe_alone(subject), *_describe_noise(subject)]
+    parts += _describe_harm(subject)
     if told := credit(subject):
         parts.append(told)
     if subject.unmapped is not None:
         parts.append(_describe_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
     return " ".join(parts)
+
+
+def _describe_noise(subject: Subject) -> list[str]:
+    """Say how much of the distance to left-out points is the points' own, so that nobody takes it for the
+    wall's error.
+    """
+    sigma = subject.last.estimate.sigma
+    if subject.headline != "cross_validated" or not sigma:
+        return []
+    own = f"{MEAN_OVER_SD * sigma:.2f} {subject.unit}"
+    return [f"The points' own noise, about {own} in the mean, is in these distances."]
 
 
 def _describe_harm(subject: Subject) -> list[str]:

@@ -19,6 +19,7 @@ from o3dls.report.grading.check import Check
 from o3dls.report.grading.expected_error import contradicted_regions
 from o3dls.report.sections.answers import REMEDIES, answers
 from o3dls.report.subject import Subject, read_subject
+from o3dls.report.verdict import verdict
 from o3dls.report.wall_parts import wall_parts
 from o3dls.report.writer import write_report
 from tests.browser import Visit, chromium
@@ -127,6 +128,27 @@ def test_next_names_what_to_mark_and_where_to_map(run: Path) -> None:
     assert said(subject, OK)["Next"] == "nothing is asked for."  # this motion has no joint posterior
     bad = Check("Size", "bad", "scale", "x 2")
     assert "find out why this failed: Size; check units" in said(subject, bad)["Next"]
+
+
+def test_left_out_points_test_the_models_error_without_their_own_noise(tmp_path: Path) -> None:
+    case = replace(bulged_case(), truth=None, points=bulged_case().points.of("eam"))
+    subject = with_fields(read_subject([finished(tmp_path / "run", case, folds=3)]), 0.5, 0.0)
+    assert subject.headline == "cross_validated"
+    points = subject.last.run.points
+    key = f"{subject.last.key}_mm"
+    points.columns[f"left_out_sd_{key}"] = np.ones(len(points))
+    # 1 mm off where 1 mm, most of it noise, is predicted: the wall's own error is the model's
+    points.columns[f"left_out_{key}"] = np.ones(len(points))
+    told = said(subject)["Typical error"]
+    assert told.startswith("mapped wall 0.4 mm (by the model, which ")
+    assert "left-out points bear out" in told
+    assert grading.check_expected_error(subject).short == "0.4 mm, mapped wall"
+    noise = f"The points' own noise, about {0.6 * np.sqrt(2 / np.pi):.2f} mm in the mean, is in these"
+    assert noise in verdict(subject)
+    points.columns[f"left_out_{key}"] = np.full(len(points), 3.0)
+    told = said(subject)["Typical error"]
+    assert told.startswith("mapped wall 1.2 mm (3.0 times what the model expects, as ")
+    assert grading.check_expected_error(subject).short == "1.2 mm, mapped wall, contradicted"
 
 
 def test_without_points_left_out_the_error_is_the_models_and_folds_are_asked_for(tmp_path: Path) -> None:

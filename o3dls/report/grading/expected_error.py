@@ -27,11 +27,14 @@ def check_expected_error(subject: Subject) -> Check:
     if found is None:
         return Check(NAME, "none", "no stage gives a posterior")
     scatter = left_out_scatter(subject.last)
-    short = f"{found.all:.2f} {subject.unit}"
+    mean = f"mean {found.all:.2f} {subject.unit}"
+    # the number of the first screen: of two that differ, a reader cannot know which to believe
+    short = f"{found.all if found.mapped is None else found.mapped:.1f} {subject.unit}"
+    short = short if found.mapped is None else f"{short}, {MAPPED}"
     if scatter is None:
-        said = f"mean {short} by the posterior alone ({_list_parts(found, subject.unit)})"
+        said = f"{mean} by the posterior alone ({_list_parts(found, subject.unit)})"
         return Check(NAME, "none", f"{said}; not cross-validated: set folds = 5 to test it", short)
-    said = f"mean {short} ({_list_parts(found, subject.unit)})"
+    said = f"{mean} ({_list_parts(found, subject.unit)})"
     ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
     doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
     doubts += [

@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..expected import Scatter, left_out_scatter
 from ..grading.check import Check, worst_grade
 from ..grading.doubts import NAMED, doubted_regions
+from ..grading.expected_error import NARROW
 from ..mapping.advice import located, shown_advice
 from ..markup import Html, tag
 from ..subject import SETS, Subject
 from ..verdict import SMALLEST_SHARE
-from ..wall_parts import PRIOR_ONLY, Part, compared_parts
+from ..wall_parts import MAPPED, PRIOR_ONLY, Part, compared_parts
 
 # what to do about a check that is not OK; the others are answered by points or by the check's own sentence
 REMEDIES = {
@@ -45,8 +47,8 @@ def _describe_errors(subject: Subject) -> list[str]:
 
 
 def _describe_error(part: Part, subject: Subject) -> str | None:
-    """Give the larger of what was measured and what the model expects: neither may hide the other. Wall
-    without points has few points to measure by, so there the model speaks.
+    """Give the error of a part: of what unseen points measure and what the model expects, neither may hide
+    the other. Wall without points has few points to measure by, so there the model speaks.
     """
     name = "unmapped wall" if part.name == PRIOR_ONLY else part.name
     measured, expected = (None if part.n == 0 else part.found), part.expected
@@ -54,11 +56,25 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
         measured = None
     if measured is None and expected is None:
         return None
+    scatter = left_out_scatter(subject.last)
+    if part.name == MAPPED and expected is not None and scatter and subject.headline == "cross_validated":
+        return f"{name} {expected:.1f} {subject.unit} ({_describe_support(scatter)})"
     if measured is not None and (expected is None or measured >= expected):
         by = f"measured, {part.n} {SETS[subject.headline or 'fitted']}"
         return f"{name} {measured:.1f} {subject.unit} ({by.removesuffix(' points')} points)"
     beside = "" if measured is None else f", more than the {measured:.1f} measured at {part.n} points"
     return f"{name} {expected:.1f} {subject.unit} (by the model{beside})"
+
+
+def _describe_support(scatter: Scatter) -> str:
+    """Say whether left-out points bear the model out. Their distances from the wall have their own noise in
+    them, and are those of fits that lacked their neighbours too, so that they are no error of this surface;
+    what they are to the deviation that such a fit predicted for them, is.
+    """
+    count = f"{scatter.count} left-out points"
+    if scatter.ratio > NARROW:
+        return f"{scatter.ratio:.1f} times what the model expects, as {count} show"
+    return f"by the model, which {count} bear out"
 
 
 def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
