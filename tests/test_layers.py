@@ -69,7 +69,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
-    "evaluation": (".", "measures/"),
+    "evaluation": (".", "measures/", "segments/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Ints, Mask
-from ..geometry.inner_balls import depth_in_tubes
 from ..geometry.surface import Surface
 from ..registration.landmark_names import VEINS, partners
+from .wall_graph import keep_edges, measure_depths, measure_edges, measure_way
 
 # by the direction from the chamber's middle: left, front, up; the sign that each has
 SIDES = {
@@ -37,7 +37,6 @@ VALVE = REGIONS.index("MA")
 REACH, OPENS = 10.0, 0.5  # mm about a landmark, and as much more per mm beyond it: veins need not be straight
 ANNULUS = 15.0  # mm about the middle of the valve, which is some 35 mm across
 DEEP, LONG = 5.0, 9.0  # mm out of the chamber: where a tube begins, and how far one has to reach
-SAMPLE = 1500  # vertices, 3 mm apart on an atrium, that tell how deep in a tube their neighbours lie
 LEFT, RIGHT = ("LSPV", "LIPV", "LCPV"), ("RSPV", "RMPV", "RIPV", "RCPV")
 
 
@@ -78,15 +77,15 @@ def openings(surface: Surface, landmarks: Mapping[str, Array]) -> Ints:
 def _find_openings(surface: Surface, named: tuple[tuple[Any, ...], ...]) -> Ints:
     places = {name: np.array(at) for name, *at in named}
     middle = _find_middle(surface)
-    depth = _measure_depths(surface)
-    edges = _measure_edges(surface)
+    depth = measure_depths(surface)
+    edges = measure_edges(surface)
     reach = {name: _distance_off_axis(surface.vertices, at, middle) for name, at in places.items()}
     reach = {name: far - (ANNULUS if name == "MA" else REACH) for name, far in reach.items()}
     found = np.full(len(depth), -1)
     nearest = np.full(len(depth), np.inf)
     for name in places:
         begin = reach[name] <= 0.0
-        along = _measure_way(edges, begin, (depth > DEEP) & (name != "MA"))
+        along = measure_way(edges, begin, (depth > DEEP) & (name != "MA"))
         along = np.where(begin, reach[name], along)
         closer = along < nearest
         found[closer], nearest[closer] = REGIONS.index(name), along[closer]
@@ -102,11 +101,11 @@ def tubes(surface: Surface, landmarks: Mapping[str, Array]) -> dict[str, Mask]:
     """Return the vertices (n,) of each named vein and of the appendage that lie at least 5 mm out of the
     chamber, in one piece: what lies beyond a section of the tube. One that is shorter is left out.
     """
-    of, deep, edges = openings(surface, landmarks), _measure_depths(surface) > DEEP, _measure_edges(surface)
+    of, deep, edges = openings(surface, landmarks), measure_depths(surface) > DEEP, measure_edges(surface)
     found = dict[str, Mask]()
     for name in (*VEINS, "LAA"):
         inside = deep & (of == REGIONS.index(name))
-        part = connected_components(_keep_edges(edges, inside), directed=False)[1]
+        part = connected_components(keep_edges(edges, inside), directed=False)[1]
         largest = inside & (part == np.bincount(part[inside]).argmax()) if inside.any() else inside
         if largest[surface.faces].all(axis=1).any():
             found[name] = largest
@@ -136,45 +135,10 @@ def _find_middle(surface: Surface) -> Array:
     return np.asarray(area @ surface.vertices / area.sum())
 
 
-def _measure_depths(surface: Surface) -> Array:
-    """Return how far (n,) each vertex lies out of the chamber in a tube; that of the next of a sample."""
-    some = np.arange(0, len(surface.vertices), max(1, len(surface.vertices) // SAMPLE))
-    at = surface.vertices[some]
-    depth = depth_in_tubes(at, surface.vertex_normals[some], surface.vertices)
-    return np.asarray(depth[cKDTree(at).query(surface.vertices)[1]])
-
-
-def _measure_edges(surface: Surface) -> sparse.coo_array:
-    """Return the lengths of the edges of a surface."""
-    n = len(surface.vertices)
-    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
-    key = np.unique(pairs.min(axis=1) * n + pairs.max(axis=1))  # each once
-    ends = key // n, key % n
-    length = np.linalg.norm(surface.vertices[ends[0]] - surface.vertices[ends[1]], axis=1)
-    return sparse.coo_array((length, ends), shape=(n, n))
-
-
-def _keep_edges(edges: sparse.coo_array, mask: Mask) -> sparse.csr_array:
-    """Return the edges between vertices of a mask."""
-    first, second = edges.coords
-    kept = mask[first] & mask[second]
-    return sparse.csr_array((edges.data[kept], (first[kept], second[kept])), shape=edges.shape)
-
-
-def _measure_way(edges: sparse.coo_array, begin: Mask, mask: Mask) -> Array:
-    """Return the length (n,) of the shortest way along the surface within a mask from where it begins; inf
-    where there is none.
-    """
-    if not begin.any():
-        return np.full(len(mask), np.inf)
-    graph = _keep_edges(edges, mask | begin)
-    return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(begin), min_only=True))
-
-
 def _add_unnamed(edges: sparse.coo_array, depth: Array, found: Ints) -> Ints:
     """Return the openings with the tubes that belong to none of them."""
     left = (depth > DEEP) & (found < 0)
-    part = connected_components(_keep_edges(edges, left), directed=False)[1]
+    part = connected_components(keep_edges(edges, left), directed=False)[1]
     long = np.unique(part[left & (depth > LONG)])
     return np.asarray(np.where(left & np.isin(part, long), REGIONS.index(UNNAMED), found), dtype=np.int64)
 

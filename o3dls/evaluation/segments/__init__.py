@@ -1,0 +1,1 @@
+"""Division of the left atrium: its openings found and named, the segments of the wall, atrial coordinates."""
