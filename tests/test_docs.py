@@ -21,6 +21,9 @@ from o3dls.cli.settings import CLASSES, tables
 DOCS = ROOT / "docs"
 ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
+# the method by topic, after its overview
+ON_METHOD = {path.stem: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("method_*.md"))}
+ON_ACCURACY = {path.stem: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("accuracy*.md"))}
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 # `levelset/refine.py`, `levelset/grid/`, and behind a colon names in that file
 PATH = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py|(?:[a-z_0-9]+/){2,})`")
@@ -91,20 +94,21 @@ def test_the_glossary_names_a_file_for_every_term() -> None:
 def test_the_tables_of_the_method_are_those_of_the_code() -> None:
     """Where they are not: `python tools/method_tables.py` writes them anew."""
     rewritten: Callable[[str], str] = runpy.run_path(str(ROOT / "tools" / "method_tables.py"))["rewritten"]
-    for page in (METHOD, (DOCS / "files.md").read_text(encoding="utf-8")):
+    for page in (*ON_METHOD.values(), (DOCS / "files.md").read_text(encoding="utf-8")):
         assert rewritten(page) == page
 
 
 @pytest.mark.parametrize("command", [f"settings {name}" for name in CLASSES] + ["stages --markdown"])
 def test_the_method_has_the_tables(command: str) -> None:
-    assert METHOD.count(f"<!-- o3dls {command} -->") == 1
+    assert [text.count(f"<!-- o3dls {command} -->") for text in ON_METHOD.values()].count(1) == 1
 
 
 def test_the_method_names_numbers_that_are_there() -> None:
     """A name with a dot whose first part is a group of numbers is one of them."""
     printed = {name for package in CLASSES for name in re.findall(r"^\| `([\w.]+)`", tables(package), re.M)}
     groups = {name.partition(".")[0] for name in printed if "." in name}
-    prose = re.sub(r"<!-- o3dls.*?<!-- end -->", "", METHOD, flags=re.DOTALL)
+    text = "".join([METHOD, *ON_METHOD.values()])
+    prose = re.sub(r"<!-- o3dls.*?<!-- end -->", "", text, flags=re.DOTALL)
     named = {name for name in re.findall(r"`([a-z_]+\.[a-z_]+)`", prose) if name.partition(".")[0] in groups}
     assert len(named) > 10
     assert not named - printed
@@ -203,3 +207,20 @@ def test_the_method_opens_without_an_equation_and_with_pictures() -> None:
     assert pictures == ["method_stages.png", "error_over_points.png"]
     assert all((DOCS / picture).is_file() for picture in pictures)
     assert len(opening.split()) < 2000  # ten minutes at 200 words each
+
+
+@pytest.mark.parametrize("name", [*ON_METHOD, *ON_ACCURACY])
+def test_a_page_on_method_or_accuracy_is_one_topic_that_begins_with_its_answer(name: str) -> None:
+    text = (ON_METHOD | ON_ACCURACY)[name]
+    title, answer, *_ = text.split("\n\n")
+    assert title.startswith("# ")
+    assert not answer.startswith(("#", "|", "!", "$$", "<", "- ", "```"))  # sentences
+    assert 15 < len(answer.split()) < 90
+    words = re.sub(r"^(\||```).*", "", text, flags=re.MULTILINE).split()  # tables are looked up, not read
+    assert len(words) < 2500
+
+
+@pytest.mark.parametrize("name", ["method", "accuracy"])
+def test_the_overview_leads_to_every_page_of_its_topics(name: str) -> None:
+    linked = re.findall(r"\]\(([\w.]+)", (DOCS / f"{name}.md").read_text(encoding="utf-8"))
+    assert not {path.name for path in DOCS.glob(f"{name}_*.md")} - set(linked)

@@ -1,5 +1,5 @@
-"""Rewrite the tables of docs/method.md and docs/files.md: what stands between `<!-- o3dls ... -->` and
-`<!-- end -->` is what that command prints.
+"""Rewrite the tables of the method's numbers and of docs/files.md: what stands between `<!-- o3dls ... -->`
+and `<!-- end -->` is what that command prints.
 
 python tools/method_tables.py
 """
@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from o3dls.cli.commands import cli
 
-PAGES = [Path(__file__).resolve().parents[1] / "docs" / name for name in ("method.md", "files.md")]
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGES = [DOCS / name for name in ("method_settings.md", "method_parameters.md", "files.md")]
 MARKED = re.compile(r"<!-- o3dls (?P<command>.+?) -->\n.*?<!-- end -->", re.DOTALL)
 
 

@@ -2,7 +2,7 @@
 
 Where on the moved surface each point may have come from (`correspondence`) and how far it lies along the
 normal there; the posterior of the field (`marginal_likelihood`); each point's residual to the fit without it
-decides how far it is believed (`noise.contact`). Reasons and numbers: docs/method.md.
+decides how far it is believed (`noise.contact`). Reasons and numbers: docs/method_motion.md.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class FittedMotion:
     probability is that the points show a motion at all: so far the field is followed, and for the rest the
     similarity `pose_alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that
     points which cannot tell a motion from noise leave the prior its shape. inflation calibrates the deviation
-    (docs/method.md).
+    (docs/method_deviation.md).
     """
 
     vertices: Array  # of the prior, in its own frame

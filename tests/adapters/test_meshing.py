@@ -49,7 +49,7 @@ def test_as_many_faces_are_left_as_asked(keep: float) -> None:
 
 
 def test_regularising_leaves_six_tenths_of_an_isosurface() -> None:
-    """As docs/method.md says."""
+    """As docs/method_level_set.md says."""
     surface = Surface(*isosurface(field(torus())))
     assert len(regularised(surface, 1.0).faces) / len(surface.faces) == pytest.approx(0.6, abs=0.05)
 

@@ -2,7 +2,7 @@
 
 Where an offset gains evidence in closed form (`offset_model`), a motion is fitted without it, and judged by
 its free energy; offset and cut follow anew until they stay. What only one place of the wall speaks for is no
-shift (`one_place`). Reasons and numbers: docs/method.md.
+shift (`one_place`). Reasons and numbers: docs/method_decisions.md.
 """
 
 from __future__ import annotations
