@@ -49,8 +49,7 @@ level_set (T and phi), each peer as tuned by benchmarks.peers, and with --phanto
 bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
 in mapped areas and in others; in 95 %: of the wall within its 95 % band; prior only: the same of wall that is
 farther than 10 mm from every point. Under the tables of `unvisited` groups there is one of vein wall lost
-(benchmarks.scores), and how often a shift of a part of the map was named. `--picture` draws the error over
-the number of points from records of `cross_...` groups.
+(benchmarks.scores), and how often a shift of a part of the map was named.
 
 Under the tables of `cross_...` groups there is one of the cases whose prior has another topology than the
 truth: does the result have the truth's? A handle of the truth counts as shown where the rule of `level_set`
@@ -107,15 +106,6 @@ POSE_SD = np.array([5.0, 5.0, 5.0, 0.1, 0.1, 0.1, 0.1])  # a nearly flat prior o
 CROSSED_GROUP = re.compile(r"cross_(\d+)_([\d.]+)_(\S+)$")  # points, noise in mm, spread
 SPACING, WIDTH = 1.0, 4.0  # mm, of the level set of a truth whose handles are looked at
 HANDLES = ("handles_prior", "handles_truth", "handles_shown", "handles")
-SHOWN = {  # method: what it is called, colour
-    "icp": ("icp (similarity)", "#9aa0a6"),
-    "deform": ("T alone", "#e8a33d"),
-    "level_set": ("T and φ", "#1f6fb4"),
-    "poisson": ("screened Poisson", "#3c9d5a"),
-    "pycpd": ("pycpd", "#a05fb5"),
-    "thin-plate": ("thin-plate warp", "#c8523c"),
-    "nricp_sumner": ("nricp", "#7d6b5d"),
-}
 
 
 def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
@@ -348,54 +338,6 @@ def _draw_warp(
     return np.asarray(y)
 
 
-def _sort_by_panel(records: list[Record]) -> dict[tuple[str, str], dict[str, dict[int, list[float]]]]:
-    """Errors by panel (noise, spread), method and number of points."""
-    found: dict[tuple[str, str], dict[str, dict[int, list[float]]]] = {}
-    for record in records:
-        group = CROSSED_GROUP.match(record["group"])
-        if group and record["method"] in SHOWN:
-            lines = found.setdefault((group[2], group[3]), {})
-            error = record.get("ssd_seen", record["ssd"])
-            lines.setdefault(record["method"], {}).setdefault(int(group[1]), []).append(error)
-    return found
-
-
-def draw_errors(records: list[Record], out: Path) -> None:
-    """A picture of the error over the number of points in crossed atria: a panel for each noise and spread, a
-    line for each method, the mean over the cases with its standard error. In clustered maps it is the error
-    in seen areas.
-    """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    every = sorted(_sort_by_panel(records).items())
-    figure, axes = plt.subplots(1, len(every), figsize=(5.2 * len(every), 4.4), sharey=True, squeeze=False)
-    for axis, ((noise, spread), lines) in zip(axes[0], every, strict=True):
-        for method, (name, colour) in SHOWN.items():
-            if method in lines:
-                _draw_line(axis, lines[method], name, colour, 2.4 if method == "level_set" else 1.2)
-        axis.set(xscale="log", yscale="log", xlabel="points", title=_name_panel(noise, spread))
-        axis.grid(alpha=0.3, which="both")
-    axes[0][0].set_ylabel("mean distance to and from the true wall, mm")
-    axes[0][-1].legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(out, dpi=110)
-
-
-def _draw_line(axis: Any, errors: dict[int, list[float]], name: str, colour: str, width: float) -> None:
-    points = sorted(errors)
-    mean = [np.mean(errors[n]) for n in points]
-    deviation = [np.std(errors[n], ddof=1) / np.sqrt(len(errors[n])) for n in points]
-    axis.errorbar(points, mean, deviation, label=name, color=colour, lw=width, marker="o", ms=3, capsize=2)
-
-
-def _name_panel(noise: str, spread: str) -> str:
-    words = spread.replace("_outliers", ", 5 % outliers")
-    return f"{noise} mm of noise, {words}" + (", seen areas" if "clustered" in spread else "")
-
-
 def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -417,7 +359,6 @@ def _parse_arguments() -> argparse.Namespace:
         default=1,
         help="processes side by side (times are then those of a shared machine)",
     )
-    parser.add_argument("--picture", type=Path, help="of crossed atria: draw the error over the points here")
     arguments = parser.parse_args()
     if not arguments.folders and not arguments.records:
         parser.error("a FOLDER or --records is needed")
@@ -433,8 +374,6 @@ def main() -> None:
         records += _run_cases(arguments, {record["case"] for record in records})
     shown = (tables(records), topology_table(records), vein_table(records), shifts_named(records))
     print("\n\n".join(part for part in shown if part))
-    if arguments.picture:
-        draw_errors(records, arguments.picture)
 
 
 def _run_cases(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
