@@ -10,11 +10,13 @@ import numpy as np
 
 from ..arrays import Array
 from .blocks import Block, Heading, Table, Text
+from .drawing import NAMES
 from .experiment import Row
 from .results import Results, column
 from .temporal import gain
 
 LEAST_FIT = 0.7  # share of the noise per axis: a method whose fitted mean is lower fits the noise
+WRONG = "Poses that a registration got wrong"
 BASELINE = 0.5  # mm: how near the baseline must be to the paper's
 
 
@@ -68,6 +70,38 @@ def _judge_noise(results: Results) -> list[Claim]:
                 _judge_fit(f"{shape}, {level:g} %: mean fitted over noise (over truth's own)", rows),
             ]
     return found
+
+
+def wrong_poses(results: Results) -> list[Block]:
+    """Name every pose that a registration got wrong: a mean over seeds hides it."""
+    found = [row for row in results.rows if "best_pose" in row]
+    if not found:
+        return [Heading(WRONG), Text("None on this page.")]
+    lines = [
+        [
+            _name_case(row),
+            NAMES[row["method"]],
+            f"{row['wrong_pose_mean']:.2f}",
+            f"{row['best_pose_mean']:.2f} ({NAMES.get(row['best_pose'], row['best_pose'])})",
+            f"{row['wrong_pose_apart']:.1f}",
+        ]
+        for row in found
+    ]
+    head = ["case", "wrong pose of", "points from it", "from the best pose", "between the poses, rms"]
+    return [
+        Heading(WRONG),
+        Text(
+            "Each is far from the best pose that was found for the same case, and clearly farther from the "
+            "points. It counts in the means below."
+        ),
+        Table("Wrong poses: mean distances, mm (star: px)", head, lines),
+    ]
+
+
+def _name_case(row: Row) -> str:
+    parts = (f"{row['percent']:g} %" if "percent" in row else "", row.get("case", ""))
+    seed = f"seed {row['seed']}" if "seed" in row else ""
+    return ", ".join(str(part) for part in (row["experiment"], *parts, seed) if part)
 
 
 def _judge_atrium(results: Results) -> list[Claim]:

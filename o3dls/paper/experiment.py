@@ -20,6 +20,7 @@ from ..evaluation.distances import distances, measure
 from ..evaluation.validity import components, flipped_faces
 from ..geometry.surface import Surface
 from ..pipeline.pipeline import Pipeline
+from ..report.grading.wrong_poses import WrongPose, wrong_poses
 
 # The rule: what a generator makes and what a method may set is chosen on development seeds; the page has
 # other seeds, on which nothing was ever chosen. They are the second hundred decimals of pi, five at a time,
@@ -89,7 +90,7 @@ class Task:
 
 def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], name: str) -> Row:
     """Score an estimate: mean distances by set, the spread of those that matter, validity, and the seconds of
-    all stages that led to it.
+    all stages that led to it; and what is wrong with its pose, beside the best one.
     """
     estimate = estimates[name]
     sets = measure(case, estimate, pipeline.fitted(name))
@@ -101,11 +102,37 @@ def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], nam
     }
     if "surface_to_truth" in sets:
         row["assd"] = (row["truth_to_surface"] + row["surface_to_truth"]) / 2.0
+    if wrong := _find_wrong_pose(case, estimates, name):
+        row |= {
+            "wrong_pose_apart": wrong.apart,
+            "wrong_pose_mean": wrong.difference.second,
+            "best_pose": wrong.best,
+            "best_pose_mean": wrong.difference.first,
+        }
     return (
         row
         | judged(estimate.surface)
         | {"unit": case.units, "seconds": sum(estimates[one].seconds for one in pipeline.chain(name))}
     )
+
+
+def _find_wrong_pose(case: Case, estimates: Mapping[str, Estimate], name: str) -> WrongPose | None:
+    """Find out whether a pose is wrong beside all that were found; None for what is more than a pose, too."""
+    posed = {
+        one: found
+        for one, found in estimates.items()
+        if one not in ("given", "start") and found.only_posed(case.prior)
+    }
+    if name not in posed:
+        return None
+    positions = case.points.of("eam").xyz
+    found = wrong_poses(
+        case.prior.vertices,
+        {one: estimate.T_map_prior for one, estimate in posed.items()},
+        {one: distances(positions, estimate.surface) for one, estimate in posed.items()},
+        positions,
+    )
+    return next((one for one in found if one.name == name), None)
 
 
 def truth_of(case: Case) -> Surface:

@@ -9,7 +9,7 @@ from ..report.document import document
 from ..report.markup import tag
 from . import atrium, formulation, noise, real, related, temporal
 from .blocks import Block, Command, Figure, Heading, Text
-from .claims import claims
+from .claims import claims, wrong_poses
 from .results import Results
 
 EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
@@ -53,7 +53,7 @@ def page(results: Results) -> list[Block]:
         ),
         Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
     ]
-    blocks += claims(results)
+    blocks += [*claims(results), *wrong_poses(results)]
     for section in EXPERIMENTS:
         blocks += section.blocks(results)
     return blocks

@@ -15,6 +15,7 @@ from ..drawing.pictures import thumbnail
 from ..expected import expected_error
 from ..grading.check import Grade, doubtful, worst_grade
 from ..grading.remarks import remarks, warnings_of
+from ..grading.wrong_poses import wrong_poses_of
 from ..subject import HEADLINE, SETS, Result, Subject, case_key, distinct_names, read_subject
 
 MOST_SAID = 6  # differing parameters that are named
@@ -45,6 +46,7 @@ class Entry:
     warnings: int
     grade: Grade = "none"  # the worst of its checks
     doubts: tuple[str, ...] = ()  # the checks that ask for a look, in short, the worst first
+    wrong_poses: tuple[str, ...] = ()  # what its stages, such as variants of ICP, got wrong: a sentence each
     picture: bytes = b""  # a small one of the result, as a file of WebP
     metrics: Mapping[str, float] = field(default_factory=dict)  # of the result, by their names
 
@@ -77,6 +79,7 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         warnings=len(warnings_of(remarks(subject))),
         grade=worst_grade(found := checks(subject)),
         doubts=tuple(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
+        wrong_poses=tuple(one.describe(subject.unit) for one in wrong_poses_of(subject)),
         picture=thumbnail(subject),
         metrics=_measure_result(subject),
     )

@@ -57,6 +57,7 @@ def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] |
         tag("h1", title),
         tag("p", NOTICE, class_="notice"),
         _list_grades(entries),
+        _list_wrong_poses(entries),
         _list_failures(failed),
         tag("p", HOW, class_="soft") if blocks else None,
         _list_ways(notes),
@@ -88,6 +89,16 @@ def _list_grades(entries: Sequence[Entry]) -> Html | None:
     return join(
         tag("p", tag("strong", "Grades"), f" {describe_grades(entries)}.", class_=f"overall {worst}"), more
     )
+
+
+def _list_wrong_poses(entries: Sequence[Entry]) -> Html | None:
+    """Name the runs in which a stage found another pose than the best, which no mean distance says."""
+    found = [one for one in entries if one.wrong_poses]
+    if not found:
+        return None
+    items = [tag("li", tag("b", one.name), f": {'; '.join(one.wrong_poses)}") for one in found]
+    title = f"{_write_count(len(found), 'run')} with a pose that a registration got wrong"
+    return tag("details", tag("summary", title), tag("ul", *items), open=len(items) <= MOST_NAMED)
 
 
 def _list_failures(failed: Mapping[str, str]) -> Html | None:
