@@ -69,7 +69,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
-    "evaluation": (".", "measures/"),
+    "evaluation": (".", "measures/", "changes/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (

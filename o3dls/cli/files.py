@@ -1,5 +1,4 @@
-"""Commands on finished runs and files: report, compare, measure, next, export, carry, convert, send,
-import, view."""
+"""Commands on finished runs and files: report, compare, export, carry, convert, send, import, view."""
 
 from __future__ import annotations
 
@@ -8,7 +7,7 @@ from typing import Any
 
 import click
 
-from .options import as_json, complete_estimate, complete_format, prior_choice
+from .options import complete_estimate, complete_format, prior_choice
 from .words import FILE, FOLDER, complain, say, say_lines
 
 
@@ -185,44 +184,6 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
     for line in (*lines, *found.notes, *column_table(found.columns), out):
         say(line)
-
-
-@click.command()
-@click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option("--below", type=float, multiple=True, help="threshold, once for each; default: 0.5 and 1.5 mV")
-@click.option("--column", default="bipolar", show_default=True, help="value of the points that is compared")
-@click.option("--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of the surface")
-@click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
-@click.option("--out", type=FILE, help="table of comma-separated values to write, a row for each number")
-@as_json
-def measure(run_folder: Path, out: Path | None, as_json: bool, **options: object) -> None:
-    """Measure the last surface of a run, each number with its 95 % interval: volume, areas by region and
-    below thresholds, sections of veins, distances of named places.
-    """
-    from ..report.mapping import measures
-
-    subject, found = measures.measure_run(run_folder, **options)  # type: ignore[arg-type]
-    if out:
-        measures.write_csv(out, found)
-    say_lines((measures.as_json if as_json else measures.as_text)(subject, found))
-
-
-@click.command("next")
-@click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option(
-    "--k", type=click.IntRange(min=1), default=5, show_default=True, help="how many places, at most"
-)
-@click.option(
-    "--reachable",
-    type=FILE,
-    help="table with a column 'reachable', 1 or 0 for each vertex of the last surface in its order",
-)
-@click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
-def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
-    """Name the places where one more mapping point would reduce the uncertainty of the last surface most."""
-    from ..report.mapping.table import next_places
-
-    say_lines(next_places(run_folder, k, reachable, as_json=as_json))
 
 
 @click.command()

@@ -1,0 +1,74 @@
+"""Commands that compute numbers of finished runs: measure, change, next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import as_json
+from .words import FILE, FOLDER, say_lines
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--below", type=float, multiple=True, help="threshold, once for each; default: 0.5 and 1.5 mV")
+@click.option("--column", default="bipolar", show_default=True, help="value of the points that is compared")
+@click.option("--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of the surface")
+@click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
+@click.option("--out", type=FILE, help="table of comma-separated values to write, a row for each number")
+@as_json
+def measure(run_folder: Path, out: Path | None, as_json: bool, **options: object) -> None:
+    """Measure the last surface of a run, each number with its 95 % interval: volume, areas by region and
+    below thresholds, sections of veins, distances of named places.
+    """
+    from ..report.mapping import measures
+
+    subject, found = measures.measure_run(run_folder, **options)  # type: ignore[arg-type]
+    if out:
+        measures.write_csv(out, found)
+    say_lines((measures.as_json if as_json else measures.as_text)(subject, found))
+
+
+@click.command()
+@click.argument("before", metavar="A", type=FOLDER)
+@click.argument("after", metavar="B", type=FOLDER)
+@click.option("--column", default="bipolar", show_default=True, help="value of the points that is compared")
+@click.option(
+    "--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of each surface"
+)
+@click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
+@click.option("--out", type=FOLDER, help="folder to make: the table, and the surface with what changed")
+@as_json
+def change(before: Path, after: Path, out: Path | None, as_json: bool, **options: object) -> None:
+    """Compare two runs of one heart, as before and after an ablation: which values and what of the shape
+    changed beyond the errors of both maps.
+    """
+    from ..io.atomic import check_free
+    from ..report.mapping import change as changes
+    from ..report.mapping import change_files
+
+    if out:
+        check_free(out, force=False)
+    found = changes.change_of((before, after), **options)  # type: ignore[arg-type]
+    if out:
+        change_files.write_change(out, found)
+    say_lines((change_files.as_json if as_json else change_files.as_text)(found))
+
+
+@click.command("next")
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--k", type=click.IntRange(min=1), default=5, show_default=True, help="how many places, at most"
+)
+@click.option(
+    "--reachable",
+    type=FILE,
+    help="table with a column 'reachable', 1 or 0 for each vertex of the last surface in its order",
+)
+@click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
+def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
+    """Name the places where one more mapping point would reduce the uncertainty of the last surface most."""
+    from ..report.mapping.table import next_places
+
+    say_lines(next_places(run_folder, k, reachable, as_json=as_json))
