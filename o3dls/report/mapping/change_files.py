@@ -18,8 +18,8 @@ from .change import Change, Row
 COLUMNS = tuple(one.name for one in fields(Row))
 NOTICE = (
     "low and high: 95 %, by the errors of both registrations, those of values, and",
-    "what lies between the points. Of pairs of maps in which nothing changed, one in",
-    "twenty has a place that is called changed. Values after are free of what differs",
+    "what lies between the points. A small region may be called changed where nothing",
+    "is: docs/change.md says how often. Values after are free of what differs",
     "everywhere. Research use only; not a measurement for a patient's record.",
 )
 TWO_PRIORS = (
