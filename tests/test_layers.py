@@ -69,7 +69,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
-    "evaluation": (".", "measures/", "segments/"),
+    "evaluation": (".", "changes/", "measures/", "segments/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (
