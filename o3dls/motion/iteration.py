@@ -20,7 +20,7 @@ from .field.drift import Taken, grams
 from .field.gaussian_process import FieldPosterior, solve
 from .field.kernels import add_scaled
 from .field.marginal_likelihood import Scales, free_energy, misfit, with_noise
-from .field.observations import Data, Feet, Rows, gather, number_patches, points_left_out
+from .field.observations import Feet, Rows, gather, number_patches, points_left_out
 from .problem import MotionProblem
 from .scales import annealed, first_scales, noise_factor, tune_scales
 
