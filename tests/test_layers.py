@@ -69,7 +69,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
-    "evaluation": (".", "measures/", "segments/"),
+    "evaluation": (".", "measures/", "changes/", "segments/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (

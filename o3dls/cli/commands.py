@@ -11,7 +11,7 @@ from ..errors import O3dlsError, SolverError
 from . import batch as cli_batch
 from . import files as cli_files
 from . import live as cli_live
-from . import measures as cli_measures
+from . import numbers as cli_numbers
 from . import runs as cli_runs
 from . import settings as cli_settings
 from .environment import check_environment, check_memory
@@ -60,7 +60,8 @@ def _report_failure(sentence: str, code: int) -> int:
 # what people come for, and the commands that do it
 TASKS = {
     "From a case to a run": ("demo", "app", "init", "import", "check", "run", "batch"),
-    "Look at runs": ("report", "view", "slices", "wall", "measure", "segments", "next", "compare", "cohort"),
+    "Look at runs": ("report", "view", "slices", "wall", "next", "compare", "cohort"),
+    "Numbers of a surface": ("measure", "segments", "change"),
     "While a map is being taken": ("live", "send"),
     "Files for other programs": ("convert", "export", "carry"),
     "About the program": ("stages", "settings", "names", "schema", "doctor", "paper"),
@@ -89,7 +90,7 @@ def cli() -> None:
     check_environment()
 
 
-for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files, cli_measures):
+for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files, cli_numbers):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

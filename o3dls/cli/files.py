@@ -1,5 +1,4 @@
-"""Commands on finished runs and files: report, compare, next, export, carry, convert, send,
-import, view."""
+"""Commands on finished runs and files: report, compare, export, carry, convert, send, import, view."""
 
 from __future__ import annotations
 
@@ -185,24 +184,6 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
     for line in (*lines, *found.notes, *column_table(found.columns), out):
         say(line)
-
-
-@click.command("next")
-@click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option(
-    "--k", type=click.IntRange(min=1), default=5, show_default=True, help="how many places, at most"
-)
-@click.option(
-    "--reachable",
-    type=FILE,
-    help="table with a column 'reachable', 1 or 0 for each vertex of the last surface in its order",
-)
-@click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
-def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
-    """Name the places where one more mapping point would reduce the uncertainty of the last surface most."""
-    from ..report.mapping.table import next_places
-
-    say_lines(next_places(run_folder, k, reachable, as_json=as_json))
 
 
 @click.command()

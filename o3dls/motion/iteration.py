@@ -14,13 +14,13 @@ import numpy as np
 
 from ..arrays import Array, Ints
 from ..geometry.differential import vertex_normals
-from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy
+from ..noise.contact import Contact, company_odds, contact_density, inside_point_weights, label_energy
 from .field.covariance import FieldPrior
 from .field.drift import Taken, grams
 from .field.gaussian_process import FieldPosterior, solve
 from .field.kernels import add_scaled
 from .field.marginal_likelihood import Scales, free_energy, misfit, with_noise
-from .field.observations import Data, Feet, Rows, gather, number_patches, points_left_out
+from .field.observations import Feet, Rows, gather, number_patches, points_left_out
 from .problem import MotionProblem
 from .scales import annealed, first_scales, noise_factor, tune_scales
 
@@ -86,7 +86,9 @@ def step(
     scales = tune_scales(problem, state.scales, rows) if tuning else state.scales
     solved = _solve_field(problem, scales, rows, annealed(iteration, scales, problem.data.groups, settings))
     residual, variance = _leave_points_out(problem, state, feet, solved)
-    weights, contact = believe(problem, state, residual, variance)
+    late = iteration is None or iteration > max(settings.tune_at)
+    # a wall that is still on its way to a fold has points off it that are no company of floating ones
+    weights, contact = believe(problem, state, residual, variance, company=late)
     record = _energy_terms(problem, state, solved, residual, contact)
     # every vertex's displacement, interpolated from nodes closer than the shortest correlation length
     moved = problem.rest.at + problem.from_nodes @ solved.field.mean(problem.at_nodes)
@@ -101,7 +103,6 @@ def step(
     past = () if early or tuning else state.past
     feet_on = mixed(taken, past, settings.longest_step)
     past = (*past, taken)[-settings.mixed_steps :]
-    late = iteration is None or iteration > max(settings.tune_at)
     patches = rows.of_point if late else None
     return State(feet_on, moved, scales, contact, weights, patches, past), solved, record
 
@@ -186,16 +187,19 @@ def _patch_width(problem: MotionProblem) -> float:
     return problem.settings.iteration.patch * float(min(problem.covariance.lengths))
 
 
-def believe(problem: MotionProblem, state: State, residual: Array, variance: Array) -> tuple[Array, Contact]:
+def believe(
+    problem: MotionProblem, state: State, residual: Array, variance: Array, *, company: bool = False
+) -> tuple[Array, Contact]:
     """Return the probability of contact per point; an `inside` point counts only while the surface leaves it
-    outside.
+    outside. company: whether neighbours that float tell of a point.
     """
     data = problem.data
     weights = np.zeros(len(residual))
     wall = ~data.inside
-    weights[wall], contact = problem.contacts(
-        residual[wall], variance[wall], data.outlier_odds[wall], state.contact
-    )
+    odds = data.outlier_odds[wall]
+    if company:
+        odds = odds * company_odds(problem.company, state.weights[wall], residual[wall], state.contact)
+    weights[wall], contact = problem.contacts(residual[wall], variance[wall], odds, state.contact)
     fraction = contact.outlier_fraction
     touching = (1.0 - fraction) * contact_density(residual[~wall], variance[~wall])
     floating = fraction * contact.outlier_density(residual[~wall])
@@ -208,13 +212,18 @@ def believe(problem: MotionProblem, state: State, residual: Array, variance: Arr
     return weights, contact
 
 
-def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:
+def contact_energy(
+    problem: MotionProblem, weights: Array, residual: Array, contact: Contact, noises: Array
+) -> float:
     """Return what the probabilities `weights`, with which the rows were gathered, cost; a bound from one side
     is a ratio, not a density.
     """
+    data = problem.data
     wall = ~data.inside
+    # of two fits one leaves outside what the other leaves inside
+    odds = company_odds(problem.company, weights[wall], residual[wall], contact, either_side=True)
     density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
-    labels = label_energy(weights[wall], residual[wall], data.outlier_odds[wall], contact)
+    labels = label_energy(weights[wall], residual[wall], odds * data.outlier_odds[wall], contact)
     return labels + float(weights[~wall] @ density[~wall])
 
 
@@ -225,7 +234,7 @@ def _energy_terms(
     rows, log_noise, posterior = solved.rows, solved.log_noise, solved.field.solved
     data_misfit = misfit(posterior, log_noise, rows)
     complexity = free_energy(posterior, log_noise, rows) - data_misfit
-    labels = contact_energy(problem.data, state.weights, residual, contact, np.exp(log_noise))
+    labels = contact_energy(problem, state.weights, residual, contact, np.exp(log_noise))
     terms = {"misfit": data_misfit, "complexity": complexity, "labels": labels}
     return {"energy": sum(terms.values()), **terms}
 

@@ -115,7 +115,7 @@ def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
         out = points_left_out(rows, feet, state.weights, noise, posterior.left_out(noise), own)
         weights, contact = believe(problem, state, *out)
         before = energy
-        labels = contact_energy(problem.data, state.weights, out[0], contact, scales.noises)
+        labels = contact_energy(problem, state.weights, out[0], contact, scales.noises)
         energy = free_energy(posterior, scales.log, rows) + labels
         steady = np.abs(weights - state.weights).sum() < settings.steady_points
         # a rotation by small angles would swell the prior

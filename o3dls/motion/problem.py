@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
@@ -69,6 +70,15 @@ class MotionProblem:
         """
         distances = self.tree.at(self.rest.at).distance(self.data.points[~self.data.inside])
         return max(robust_sd(distances), LEAST_RESIDUAL * self.size)
+
+    @cached_property
+    def company(self) -> Ints:
+        """The nearest others (n, k) of each point that is not known to be inside, in rows of these."""
+        points = self.data.points[~self.data.inside]
+        count = min(self.settings.contact.company, len(points) - 1)
+        if count < 1:
+            return np.zeros((len(points), 0), dtype=np.int64)
+        return np.asarray(cKDTree(points).query(points, [*range(2, count + 2)])[1])
 
     @cached_property
     def first_weights(self) -> Array:

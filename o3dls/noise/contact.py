@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..arrays import ROUNDING, TINY, Array
+from ..arrays import ROUNDING, TINY, Array, Ints
 from .settings import ContactSettings
 
 BISECTIONS = 40  # more than a double's digits need
@@ -106,6 +106,27 @@ def isolation_odds(points: Array, size: float, settings: ContactSettings) -> Arr
     others = tree.query_ball_point(points, radius, return_length=True) - 1
     least = settings.least_neighbours
     return np.asarray(np.maximum((count + least) / (others + least), 1.0) ** tells)
+
+
+def company_odds(
+    near: Ints, weights: Array, residual: Array, contact: Contact, *, either_side: bool = False
+) -> Array:
+    """Return the factor (n,), at least 1, on the odds of being an outlier of points whose neighbours
+    near (n, k) float, by probabilities of contact and signed distances (n,), negative inside.
+
+    A wall is a sheet and touches nearly all points around it. A catheter that floats takes its points at
+    every depth, and wherever a surface is drawn through these, some lie on it: so contact is less likely
+    where most of the neighbours are off the wall. The share of outliers at a point is the mean of its
+    neighbours' (a Beta prior with the mean of the whole map), where it is so large that it tells.
+    either_side: neighbours outside count too, which else may be on wall that the prior lacks.
+    """
+    settings = contact.settings
+    fraction = contact.outlier_fraction
+    floating = np.where((residual < 0.0) | either_side, 1.0 - weights, 0.0)[near].sum(axis=1)
+    share = (floating + settings.company_usual * fraction) / (near.shape[1] + settings.company_usual)
+    share = np.minimum(share, settings.company_most)
+    odds = share / (1.0 - share) * (1.0 - fraction) / fraction
+    return np.where(share > settings.company_floats, np.maximum(odds, 1.0), 1.0)
 
 
 def inside_point_weights(

@@ -12,6 +12,7 @@ from o3dls.arrays import Array
 from o3dls.noise.contact import (
     Contact,
     _smooth_chain,
+    company_odds,
     contact_density,
     isolation_odds,
     label_energy,
@@ -199,3 +200,30 @@ def test_of_hardly_any_points_none_is_alone(count: int) -> None:
     np.testing.assert_array_equal(
         isolation_odds(np.zeros((count, 3)), 1.0, ContactSettings()), np.ones(count)
     )
+
+
+def company(floating: int, side: float, fraction: float = 0.1, *, either_side: bool = False) -> Array:
+    """The odds of a point that touches, and of one that floats, among sixteen of which so many are off the
+    wall on one side.
+    """
+    contact = replace(PLAIN, outlier_fraction=fraction)
+    weights = np.r_[1.0, 0.0, np.zeros(floating), np.ones(16 - floating)]
+    residual = np.r_[0.0, side, np.full(floating, side), np.zeros(16 - floating)]
+    near = np.broadcast_to(np.arange(2, 18), (18, 16))
+    return company_odds(near, weights, residual, contact, either_side=either_side)[:2]
+
+
+def test_a_point_among_floating_ones_is_more_likely_to_float_and_one_on_a_sheet_is_not() -> None:
+    assert company(3, -5.0).tolist() == [1.0, 1.0]  # as many as in a poor map
+    most, nearly_all = company(12, -5.0), company(16, -5.0)
+    assert (nearly_all > most).all()
+    # (12 + 2 x .1) of 18 float: odds of 12.2 to 5.8 where they are 1 to 9 else
+    np.testing.assert_allclose(most, 9.0 * 12.2 / 5.8)
+
+
+def test_points_outside_are_no_company_and_neighbours_raise_no_belief() -> None:
+    assert company(12, 5.0).tolist() == [1.0, 1.0]  # of a vein that the prior lacks: a wall, not a cloud
+    assert (company(12, 5.0, either_side=True) == company(12, -5.0)).all()  # where two fits are compared
+    assert company(9, -5.0, fraction=0.6).min() >= 1.0
+    alone = company_odds(np.zeros((1, 0), dtype=np.int64), np.ones(1), np.zeros(1), PLAIN)
+    assert alone.tolist() == [1.0]

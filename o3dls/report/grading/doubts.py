@@ -1,5 +1,5 @@
 """Parts of the last surface not to rely on: regions that left-out points contradict, parts of the mapped wall
-that are clearly worse than the rest, and regions that are mostly without points.
+of which the model is clearly less sure, and regions that are mostly without points.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def doubted_regions(subject: Subject, found: Sequence[Check]) -> list[Doubt]:
 
 
 def _worse(subject: Subject, surface: Surface, of: Ints | None) -> Iterator[Doubt]:
-    """List the parts that are worse than the rest of the mapped wall, but for those of regions that are named
-    as a whole.
+    """List the parts of the mapped wall of which the model is less sure than of the rest, but for those of
+    regions that are named as a whole.
     """
     named = list(contradicted_regions(subject))
     tree = cKDTree(surface.vertices)
@@ -71,7 +71,7 @@ def _worse(subject: Subject, surface: Surface, of: Ints | None) -> Iterator[Doub
         words = ["" if region is None else word(region), describe_place(subject, one.place)]
         where = ", ".join(filter(None, words)) or f"around ({', '.join(f'{x:.0f}' for x in one.place)})"
         error = f"{one.error:.1f} {subject.unit}"
-        yield Doubt(where, f"{error} {one.known_by}", one.place, error, words[0])
+        yield Doubt(where, f"{error} by the model", one.place, error, words[0])
 
 
 def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doubt]:

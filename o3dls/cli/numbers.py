@@ -1,4 +1,4 @@
-"""Commands that measure what is on a surface: measure, segments."""
+"""Commands that compute numbers of finished runs: measure, segments, change, next."""
 
 from __future__ import annotations
 
@@ -52,3 +52,47 @@ def segments(source: Path, out: Path | None, as_json: bool, **options: Any) -> N
     say_lines((mapping.as_json if as_json else mapping.as_text)(found))
     for sentence in lost:
         complain(sentence)
+
+
+@click.command()
+@click.argument("before", metavar="A", type=FOLDER)
+@click.argument("after", metavar="B", type=FOLDER)
+@click.option("--column", default="bipolar", show_default=True, help="value of the points that is compared")
+@click.option(
+    "--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of each surface"
+)
+@click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
+@click.option("--out", type=FOLDER, help="folder to make: the table, and the surface with what changed")
+@as_json
+def change(before: Path, after: Path, out: Path | None, as_json: bool, **options: object) -> None:
+    """Compare two runs of one heart, as before and after an ablation: which values and what of the shape
+    changed beyond the errors of both maps.
+    """
+    from ..io.atomic import check_free
+    from ..report.mapping import change as changes
+    from ..report.mapping import change_files
+
+    if out:
+        check_free(out, force=False)
+    found = changes.change_of((before, after), **options)  # type: ignore[arg-type]
+    if out:
+        change_files.write_change(out, found)
+    say_lines((change_files.as_json if as_json else change_files.as_text)(found))
+
+
+@click.command("next")
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--k", type=click.IntRange(min=1), default=5, show_default=True, help="how many places, at most"
+)
+@click.option(
+    "--reachable",
+    type=FILE,
+    help="table with a column 'reachable', 1 or 0 for each vertex of the last surface in its order",
+)
+@click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
+def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
+    """Name the places where one more mapping point would reduce the uncertainty of the last surface most."""
+    from ..report.mapping.table import next_places
+
+    say_lines(next_places(run_folder, k, reachable, as_json=as_json))

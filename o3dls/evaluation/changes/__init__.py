@@ -1,0 +1,1 @@
+"""What changed between two maps of one heart: values on the wall, and the shape of the wall."""

@@ -1,0 +1,75 @@
+"""What `o3dls change` prints and writes of what it found."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...io.atomic import staged_folder, write_file
+from ...io.surfaces import write_surface
+from ...io.table import write_table
+from ...runs.folder import check_not_of_a_run
+from .change import Change, Row
+
+COLUMNS = tuple(one.name for one in fields(Row))
+NOTICE = (
+    "low and high: 95 %, by the errors of both registrations, those of values, and",
+    "what lies between the points. A small region may be called changed where nothing",
+    "is: docs/change.md says how often. Values after are free of what differs",
+    "everywhere. Research use only; not a measurement for a patient's record.",
+)
+TWO_PRIORS = (
+    "The runs have two priors, which stay {apart:.1f} mm rms apart once registered. The",
+    "errors of that are in the intervals, those of two segmentations are not; no",
+    "displacement is given.",
+)
+
+
+def as_text(found: Change) -> str:
+    """Write the change as a table of text, 80 columns wide but for long names."""
+    rows = [list(COLUMNS)]
+    rows += [
+        [row.what, row.where, row.unit, *(_show(x) for x in (row.value, row.low, row.high))]
+        for row in found.rows
+    ]
+    width = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in rows]
+    before, after = found.names
+    return "\n".join([f"{before} to {after}: {found.column}", *lines, *_say_notices(found)])
+
+
+def as_json(found: Change) -> str:
+    """Write the change as JSON, a number that is not known as null."""
+    records = [
+        {name: None if isinstance(x, float) and np.isnan(x) else x for name, x in asdict(row).items()}
+        for row in found.rows
+    ]
+    about: dict[str, Any] = {"before": found.names[0], "after": found.names[1], "column": found.column}
+    about |= {"priors_apart_mm": found.apart, "notice": " ".join(_say_notices(found)), "changes": records}
+    return json.dumps(about, indent=1, ensure_ascii=False)
+
+
+def write_change(out: Path, found: Change) -> None:
+    """Write a folder with the table (change.csv, change.json), and the prior in the first map with what
+    changed as fields (surface.ply, surface.vtp). Raises InputError where the folder exists, or is of a run.
+    """
+    check_not_of_a_run(out)
+    with staged_folder(out) as folder:
+        rows = {name: np.array([getattr(row, name) for row in found.rows]) for name in COLUMNS}
+        write_table(folder / "change.csv", rows)
+        write_file(folder / "change.json", as_json(found) + "\n")
+        for name in ("surface.ply", "surface.vtp"):
+            write_surface(folder / name, found.surface, space=found.frame, units="mm")
+
+
+def _say_notices(found: Change) -> list[str]:
+    more = [] if found.apart is None else [line.format(apart=found.apart) for line in TWO_PRIORS]
+    return [*more, *NOTICE]
+
+
+def _show(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}"
