@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...evaluation.next_places import MEAN_OVER_SD
 from ..expected import Scatter, left_out_scatter
 from ..grading.check import Check, worst_grade
 from ..grading.doubts import NAMED, doubted_regions
@@ -58,7 +59,7 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
         return None
     scatter = left_out_scatter(subject.last)
     if part.name == MAPPED and expected is not None and scatter and subject.headline == "cross_validated":
-        return f"{name} {expected:.1f} {subject.unit} ({_describe_support(scatter)})"
+        return f"{name} {expected:.1f} {subject.unit} ({_describe_support(subject, scatter)})"
     if measured is not None and (expected is None or measured >= expected):
         by = f"measured, {part.n} {SETS[subject.headline or 'fitted']}"
         return f"{name} {measured:.1f} {subject.unit} ({by.removesuffix(' points')} points)"
@@ -66,15 +67,21 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
     return f"{name} {expected:.1f} {subject.unit} (by the model{beside})"
 
 
-def _describe_support(scatter: Scatter) -> str:
+def _describe_support(subject: Subject, scatter: Scatter) -> str:
     """Say whether left-out points bear the model out. Their distances from the wall have their own noise in
     them, and are those of fits that lacked their neighbours too, so that they are no error of this surface;
     what they are to the deviation that such a fit predicted for them, is.
     """
     count = f"{scatter.count} left-out points"
     if scatter.ratio > NARROW:
-        return f"{scatter.ratio:.1f} times what the model expects, as {count} show"
-    return f"by the model, which {count} bear out"
+        said = f"{scatter.ratio:.1f} times what the model expects, as {count} show"
+    else:
+        said = f"by the model, which {count} bear out"
+    if not subject.last.estimate.sigma:
+        return said
+    # the colours that a page opens with are distances of points
+    noise = f"{MEAN_OVER_SD * subject.last.estimate.sigma:.1f} {subject.unit}"
+    return f"{said}; the noise of the points, {noise}, is in the colours"
 
 
 def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
