@@ -125,6 +125,9 @@ def test_next_names_what_to_mark_and_where_to_map(run: Path) -> None:
     subject = read_subject([run])
     amber = Check("Landmarks", "amber", "far", "RIPV, 17.0 mm")
     assert said(subject, amber)["Next"].startswith("mark RIPV again")
+    assert subject.first is not None
+    behind = Check(f"Against {subject.first.name}", "amber", "farther", "farther by 0.21 mm")
+    assert said(subject, behind)["Next"] == f"see whether {subject.first.name} is the better surface here."
     assert said(subject, OK)["Next"] == "nothing is asked for."  # this motion has no joint posterior
     bad = Check("Size", "bad", "scale", "x 2")
     assert "find out why this failed: Size; check units" in said(subject, bad)["Next"]

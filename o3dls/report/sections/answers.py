@@ -102,6 +102,8 @@ def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
     faulty = [name for name, one in raised.items() if one.grade == "bad"]
     todo = [f"find out why this failed: {', '.join(faulty)}"] if faulty else []
     todo += [text for name, text in REMEDIES.items() if name in raised]
+    if subject.first and f"Against {subject.first.name}" in raised:
+        todo.append(f"see whether {subject.first.name} is the better surface here")
     if (mark := raised.get("Landmarks")) is not None:
         todo.append(f"mark {mark.short.split(',')[0]} again")
     if any(one.code == "landmark-not-used" for one in subject.last.estimate.warnings):
