@@ -67,10 +67,9 @@ def test_a_vein_that_the_prior_lacks_is_grown() -> None:
     assert distances(TUBED.vertices, found.surface).mean() < 0.3 * distances(TUBED.vertices, BALL).mean()
 
 
-def test_a_vein_is_grown_though_a_motion_stretched_the_wall_into_it() -> None:
+def test_a_vein_that_the_prior_lacks_is_grown_after_a_motion() -> None:
     case = atrium(107, lacks="prior")
     found = Pipeline([Landmarks(), ICP(), Deform(), Topology(), LevelSet()], folds=0).fit(case)
-    assert "captured-points" in [warning.code for warning in found["deform"].warnings]
     assert "added a tube" in found["topology"].status
     assert case.truth is not None
     assert case.truth.held_out is not None

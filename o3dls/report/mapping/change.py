@@ -29,7 +29,7 @@ FEWEST = 20  # values of a map
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: what, where, its unit, the number and its interval; NaN where there is none."""
+    """A row of the table has what it is, where, its unit, the number and its interval; NaN without one."""
 
     what: str
     where: str
