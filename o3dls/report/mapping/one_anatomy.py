@@ -26,9 +26,9 @@ STRANGE = 4.0  # mm rms: priors that stay so far apart are of two hearts
 
 @dataclass(frozen=True, eq=False)
 class InMap:
-    """A prior in a map has where its motion brings the vertices (n, 3), samples of the errors (s, n, 3) of that,
-    both in the map's frame, the matrix (3, 3) that turns the prior's directions to the map's, and which
-    vertices (n,) the prior of the map has.
+    """A prior in a map has where its motion brings the vertices (n, 3), samples of the errors (s, n, 3) of
+    that, both in the map's frame, the matrix (3, 3) that turns the prior's directions to the map's, and
+    which vertices (n,) the prior of the map has.
     """
 
     vertices: Array
