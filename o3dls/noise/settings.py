@@ -48,12 +48,14 @@ class ContactSettings:
     isolation_large: float = number(
         0.35, "rms radii", "radius of the neighbours' ball above which isolation shows nothing: 250 points"
     )
-    company: int = number(16, "points", "number of neighbours that floating points are in company with")
+    company: int = number(16, "points", "number of nearest points whose contact tells of a point")
     company_usual: float = number(
         2.0, "points", "weight of the usual share of outliers against the neighbours of a point"
     )
     company_floats: float = number(
-        0.4, "1", "share of floating neighbours from which they tell of a point: outliers alone come in tens"
+        0.4,
+        "1",
+        "share of floating neighbours from which they count: scattered outliers are 2 to 20 % of a map",
     )
     company_most: float = number(0.97, "1", "largest share of outliers that neighbours can tell of")
     crowd: float = number(
