@@ -162,6 +162,9 @@ def _check_workers(client: Any, order: Order) -> None:
 
 
 def _describe_unfit(error: BaseException) -> str:
+    # dask reports an import that failed as an error of its own, several lines long: what it came of says more
+    while error.__cause__:
+        error = error.__cause__
     return f"cannot begin a case: {type(error).__name__}: {error}; install the same Python, dask and o3dls"
 
 

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from threading import Thread, Timer
 from typing import Any
@@ -244,6 +245,20 @@ def test_a_worker_that_cannot_do_the_cases_is_named_at_once(
         with pytest.raises(InputError, match=r"worker tcp://127.0.0.1:\d+: does not see .*none, where"):
             client.submit(done_here, None, Limits(), lost, None).result()
     assert not (tmp_path / "runs/one").exists()
+
+
+def test_a_scheduler_that_lacks_a_module_is_said_in_a_line(
+    scheduler: tuple[str, subprocess.Popen[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plugin's stage of which only this machine has the module; dask wraps what the import raises."""
+    (tmp_path / "only_here.py").write_text("from tiny import Nudge\n\n\nclass Lone(Nudge):\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    study = planned(cases(tmp_path / "cases", one=60), Pipeline([import_module("only_here").Lone()], folds=0))
+    with pytest.raises(
+        InputError, match=r"ModuleNotFoundError: No module named 'only_here'; install"
+    ) as said:
+        run_cohort(study, tmp_path / "runs", Workers(scheduler=scheduler[0]))
+    assert "\n" not in str(said.value)
 
 
 def scripts() -> dict[str, str]:
