@@ -7,7 +7,8 @@
 A row has the grade, the error that the headline expects and the true one (mean of both directions, mm), why
 the result is bad, the regions that the screen names as not to rely on, and the region of the result that is
 farthest from the true wall in the mean. `named`: whether that region is among the named ones. Under the rows:
-how many bad results are OK, and the AUC of the grade.
+how many bad results are OK, the AUC of the grade, which results are farther from the truth than ICP's by more
+than 0.1 mm, and the share of the wall within the bands of 68 and 95 %, in the mean of the cases.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from benchmarks.scores import Record
 from benchmarks.verdict import GRADES, WORDS, auc, read_records, reasons, true_error
 
+BEHIND = 0.1  # mm farther than ICP, from which on a user should hear of it
 NEAR = 1.5  # a factor between two errors that a reader would call alike
 HEAD = ("case", "grade", "expected", "true", "bad", "do not rely on", "worst region", "named")
 
@@ -85,6 +87,29 @@ def _sum_up(records: Sequence[Record]) -> list[str]:
             f"true over said error of mapped wall: median {np.median(mapped):.2f}, within a factor {NEAR:g} "
             f"in {near} of {len(mapped)}"
         )
+    return [*found, *_compare_with_icp(records), *_sum_up_bands(records)]
+
+
+def _compare_with_icp(records: Sequence[Record]) -> list[str]:
+    """How many results are behind ICP's, and which of them are OK all the same."""
+    judged = [record for record in records if "icp" in record["truth"]["errors"]]
+    behind = [r for r in judged if true_error(r) > r["truth"]["errors"]["icp"]["ssd"] + BEHIND]
+    silent = [record["case"] for record in behind if record["grade"] == "good"]
+    said = f"farther than ICP by more than {BEHIND:g} mm: {len(behind)} of {len(judged)}"
+    return [f"{said}, {len(silent)} of them OK{': ' if silent else ''}{', '.join(silent)}"] if judged else []
+
+
+def _sum_up_bands(records: Sequence[Record]) -> list[str]:
+    """The mean share of the wall within its bands, where the records have it."""
+    found = []
+    for part in ("mapped", "unmapped"):
+        held = [record["truth"].get("bands", {}) for record in records]
+        if shares := [(one[f"{part}68"], one[f"{part}95"]) for one in held if f"{part}68" in one]:
+            low, high = 100.0 * np.mean(shares, axis=0)
+            found.append(
+                f"{part} wall within its 68 % band: {low:.1f} %, within its 95 % band: {high:.1f} % "
+                f"({len(shares)} cases)"
+            )
     return found
 
 

@@ -20,6 +20,7 @@ from o3dls.geometry.surface import Surface
 
 Scores = dict[str, float]
 Record = dict[str, Any]
+BAND_68 = 0.994458  # deviations that hold 68 % of a Gaussian
 BAND_95 = 1.959964  # deviations that hold 95 % of a Gaussian
 FLAT_WITHIN = (
     0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
@@ -179,6 +180,27 @@ def calibration(case: Case, estimate: Estimate) -> Scores:
             _correlate_ranks(sd[rows], error),
             _correlate_ranks(sd[rows], ideal),
         )
+    return found
+
+
+def bands(case: Case, estimate: Estimate) -> Scores:
+    """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
+    band that holds 68 and 95 % of a Gaussian of its deviation; empty for an estimate without deviation.
+    """
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    surface = estimate.surface
+    found = Scores()
+    sd = surface.fields.get(f"sd_{case.units}")
+    if sd is None:
+        return found
+    error = distances(surface.vertices, case.truth.surface)
+    area = surface.vertex_areas
+    near = _find_distances(case, surface.vertices) <= REACH
+    for name, part in (("mapped", near), ("unmapped", ~near)):
+        if area[part].sum() > 0:
+            for percent, width in ((68, BAND_68), (95, BAND_95)):
+                found[f"{name}{percent}"] = float(area[part] @ (error <= width * sd)[part] / area[part].sum())
     return found
 
 

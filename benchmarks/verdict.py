@@ -41,7 +41,7 @@ import numpy as np
 
 from benchmarks.cases import Listed, find, tuned_as
 from benchmarks.peers import FAILURES, PEERS, applicable, tuned
-from benchmarks.scores import Record, lay_out, on_wall, truth_distances
+from benchmarks.scores import Record, bands, lay_out, on_wall, truth_distances
 from benchmarks.verdict_statistics import statistics
 from o3dls.arrays import Array
 from o3dls.case import Case
@@ -100,7 +100,8 @@ def judged(listed: Listed, folds: int = 0, keep: Path | None = None) -> Record:
         folder = run.write((keep or Path(temporary)) / listed.name, force=True)
         graded = grading(folder)
         by_region = region_errors(case, folder)
-    truth = {"truth": true_errors(case, run.estimates) | {"regions": by_region}}
+    known = {"regions": by_region, "bands": bands(case, run.estimates[graded["final"]])}
+    truth = {"truth": true_errors(case, run.estimates) | known}
     return {**about, **graded, **seconds, "stats": statistics(run), **truth}
 
 

@@ -12,7 +12,7 @@ import click
 
 from .interrupts import first_told
 from .options import as_json, limits, overrides, progress
-from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
+from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
 
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
@@ -159,22 +159,54 @@ def _say_outcome(outcome: Outcome, done: int, cases: int) -> None:
 
 @click.command()
 @click.argument("runs", type=FOLDER)
+@click.option("--mean", metavar="COLUMN", help="value of the points to average over the hearts: bipolar, ...")
+@click.option(
+    "--on",
+    type=click.Path(path_type=Path, exists=True),
+    help="left atrium to lay the mean on, a run or a mesh; default: that of middle size",
+)
+@click.option("--out", type=FILE, help="surface to write, with the mean as fields: .vtp, .vtk, .ply")
 @as_json
-def cohort(runs: Path, as_json: bool) -> int:
+def cohort(runs: Path, mean: str | None, on: Path | None, out: Path | None, as_json: bool) -> int:
     """Write cohort.csv and cohort.html of the finished runs in the folder RUNS, and of the cases that failed.
 
     For the parts of a study that were run apart (`o3dls batch --shard`): table and page are as if it had been
     run at once. A table and a page that are there are replaced.
+
+    With --mean print in their place the mean of a value over the hearts of the runs, by segment, and how
+    hearts differ; maps are laid on one another by atrial coordinates.
     """
     from ..pipeline.outcome import check_table, gathered, write_table
 
     outcomes = gathered(runs)
+    if mean:
+        finished = [runs / one.case for one in outcomes if not one.error]
+        return _average_values(finished, mean, on, out, as_json=as_json)
+    if on or out:
+        raise click.UsageError("--on and --out go with --mean, which names the value to average")
     check_table(runs, None)
     write_table(runs, outcomes)
     if as_json:
         for done, outcome in enumerate(outcomes, 1):
             _say_outcome(outcome, done, len(outcomes))
     return _report_cohort(outcomes, runs, as_json=as_json)
+
+
+def _average_values(
+    runs: Sequence[Path], column: str, on: Path | None, out: Path | None, *, as_json: bool
+) -> int:
+    """Print the mean of a column over the hearts of runs, and write it as a surface."""
+    from ..report.mapping import mean
+    from ..runs.folder import check_not_of_a_run
+
+    if out:
+        check_not_of_a_run(out)  # before what takes a second for each heart
+    found = mean.mean_of(runs, column, on)
+    lost = mean.write_mean(out, found) if out else []
+    say_lines((mean.as_json if as_json else mean.as_text)(found))
+    for sentence in (*found.left_out, *lost):
+        complain(sentence)
+    return DONE
 
 
 def _report_cohort(outcomes: Sequence[Outcome], out: Path, *, as_json: bool) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...evaluation.segments.coordinates import find_coordinates
+from ...evaluation.segments.coordinates import AtrialCoordinates, find_coordinates
 from ...evaluation.segments.division import SEGMENTS, VALVE, divide
 from ...evaluation.segments.openings import find_openings
 from ...evaluation.segments.sureness import segment_sureness
@@ -21,7 +21,7 @@ from ...io.meshes.repair import closed_outward
 from ...io.surfaces import read_surface_file, write_surface
 from ...motion.posterior import wall_posterior
 from ...runs.folder import check_not_of_a_run
-from ..subject import read_subject
+from ..subject import Subject, read_subject
 from .views import in_frame, orientation
 from .wall_regions import landmarks_in_map
 
@@ -33,11 +33,13 @@ NOTICE = "Segments by rules that could be read in public. Research use only; not
 @dataclass(frozen=True, eq=False)
 class Divided:
     """A divided surface has the fields `segment`, `alpha`, `beta`, `sheet` and, of a run, `segment_sure`; the
-    named places (3,) and letters that its borders lead to; its name and the frame that it is in.
+    named places (3,) and letters that its borders lead to; its name and the frame that it is in; its
+    coordinates.
     """
 
     name: str
     surface: Surface
+    coordinates: AtrialCoordinates
     places: Mapping[str, Array]
     frame: str
 
@@ -74,7 +76,12 @@ def divide_source(
         return _divide_mesh(source, landmarks, frame)
     if landmarks or frame:
         raise InputError(f"{source}: is a run, which has landmarks and a frame of its own: must be without")
-    subject = read_subject([source])
+    return divide_run(read_subject([source]), samples, seed)
+
+
+def divide_run(subject: Subject, samples: int, seed: int = SEED) -> Divided:
+    """Divide the last surface of a run, as `divide_source` does; without samples it is not said how sure."""
+    source = subject.folders[0]
     if subject.case.dimension == 2 or subject.unit != "mm":
         raise InputError(
             f"{source}: is in {subject.case.dimension}D and {subject.unit}: must be in 3D and mm"
@@ -87,7 +94,7 @@ def divide_source(
     found = _divide(
         f"{subject.case.name}: {subject.last.name}", estimate.surface, landmarks_in_map(subject), axes
     )
-    if wall_posterior(estimate.motion) is not None:
+    if samples and wall_posterior(estimate.motion) is not None:
         sure = segment_sureness(estimate.samples(samples, seed), found.surface.fields["segment"].astype(int))
         fields = {**found.surface.fields, "segment_sure": sure}
         found = replace(found, surface=replace(found.surface, fields=fields))
@@ -116,7 +123,7 @@ def _divide(name: str, surface: Surface, places: Mapping[str, Array], axes: Arra
     fields = {"segment": division.segment.astype(np.float64), "alpha": found.alpha, "beta": found.beta}
     fields |= {"sheet": found.sheet.astype(np.float64)}
     divided = replace(surface, fields={**surface.fields, **fields})
-    return Divided(name, divided, openings.landmarks() | dict(division.places), "unknown")
+    return Divided(name, divided, found, openings.landmarks() | dict(division.places), "unknown")
 
 
 def as_text(found: Divided) -> str:
