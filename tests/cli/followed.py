@@ -64,7 +64,8 @@ CHOICE, SIDECAR, LIVE = (
 FEWEST_LETTERS = 14  # of words that may stand anywhere in a sentence
 # words of a sentence: the test that provokes it, does what it says, and sees that the command then succeeds
 FOLLOWED = {
-    "--on and --out go with --mean": "report/test_mean_command.py::test_it_is_laid_on_the_atrium_that_is_named",
+    "--on and --out go with --mean": "report/test_mean_command.py::"
+    "test_it_is_laid_on_the_atrium_that_is_named",
     # commands
     "parts of the cases, and then `o3dls cohort`": "cli/test_cli.py::"
     "test_a_batch_goes_on_and_its_parts_give_the_table_of_the_whole",
