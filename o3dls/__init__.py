@@ -18,6 +18,7 @@ PUBLIC = {
     "Points": "case",
     "Truth": "case",
     "Estimate": "estimate",
+    "SurfaceSamples": "motion.wall.samples",
     "RunWarning": "run_warning",
     "Surface": "geometry.surface",
     "Stage": "plugins.stage",

@@ -25,6 +25,7 @@ from .io.points import write_points as write_points
 from .io.surfaces import read_surface as read_surface
 from .io.surfaces import write_surface as write_surface
 from .levelset.grid.distance import SignedDistance as SignedDistance
+from .motion.wall.samples import SurfaceSamples as SurfaceSamples
 from .open3d_api import register as register
 from .pipeline.file import default_pipeline as default_pipeline
 from .pipeline.file import read_pipeline as read_pipeline
