@@ -7,22 +7,48 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Lock
 
 SAFE_PATH = "PYTHONSAFEPATH"  # every Python that is begun while it is set obeys it, whoever begins it
 
 
+class _SafePath:
+    """This counts who begins processes: of several threads, the last restores what the first has found."""
+
+    def __init__(self) -> None:
+        self.lock = Lock()
+        self.users = 0
+        self.before: str | None = None
+
+    def enter(self) -> None:
+        with self.lock:
+            if self.users == 0:
+                self.before = os.environ.get(SAFE_PATH)
+            self.users += 1
+            os.environ[SAFE_PATH] = "1"
+
+    def leave(self) -> None:
+        with self.lock:
+            self.users -= 1
+            if self.users:
+                return
+            if self.before is None:
+                del os.environ[SAFE_PATH]
+            else:
+                os.environ[SAFE_PATH] = self.before
+
+
+_safe = _SafePath()
+
+
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Keep the working folder out of the path of every Python that is begun within this."""
-    before = os.environ.get(SAFE_PATH)
-    os.environ[SAFE_PATH] = "1"
+    """Keep the working folder out of the path of every Python that is begun within this, by any thread."""
+    _safe.enter()
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[SAFE_PATH]
-        else:
-            os.environ[SAFE_PATH] = before
+        _safe.leave()
 
 
 def protect_path() -> None:

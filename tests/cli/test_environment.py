@@ -14,6 +14,7 @@ import pytest
 from conftest import ROOT
 from tiny import ball_case
 
+from o3dls.child_processes import safe_path
 from o3dls.cli.environment import check_environment
 from o3dls.errors import InputError
 from o3dls.io.case_writer import write_case
@@ -85,6 +86,24 @@ def test_every_process_of_ours_is_begun_with_a_safe_path() -> None:
         text = path.read_text(encoding="utf-8")
         if begins.search(text):
             assert re.search(r"safe_path\(\)|sys\.executable, \"-P\"", text), path
+
+
+def test_threads_that_begin_processes_at_once_leave_the_environment_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first ends while the second is within: what the second found set is not what was there before."""
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    first, second = safe_path(), safe_path()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert os.environ["PYTHONSAFEPATH"] == "1"
+    second.__exit__(None, None, None)
+    assert "PYTHONSAFEPATH" not in os.environ
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
+    with safe_path(), safe_path():
+        assert os.environ["PYTHONSAFEPATH"] == "1"
+    assert os.environ["PYTHONSAFEPATH"] == ""
 
 
 def test_numbas_file_in_the_working_folder_is_refused(tmp_path: Path) -> None:
