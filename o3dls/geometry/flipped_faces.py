@@ -21,19 +21,32 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
 
 
 def relaxed(surface: Surface, rounds: int = 20) -> Surface:
-    """Return the surface with the corners of flipped faces, and their neighbours, moved to the mean of those
-    around each until no face is flipped, or for so many rounds.
+    """Return the surface with the corners of flipped faces moved to the mean of those around each until no
+    face is flipped, or for so many rounds; their neighbours too if that leaves a face flipped, and then that
+    of the two which has fewer.
     """
+    # beside a cut, neighbours that move as well may turn over faces that were right
+    alone = _relax_corners(surface, rounds, rings=0)
+    left = flipped(alone).sum()
+    if left == 0:
+        return alone
+    wider = _relax_corners(surface, rounds, rings=1)
+    return wider if flipped(wider).sum() < left else alone
+
+
+def _relax_corners(surface: Surface, rounds: int, rings: int) -> Surface:
+    """Move the corners of flipped faces, and so many rings of vertices about them."""
+    faces, count = surface.faces, len(surface.vertices)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()  # each edge of a closed mesh both ways
+    number = np.maximum(np.bincount(start, minlength=count), 1)
     for _ in range(rounds):
         bad = flipped(surface)
         if not bad.any():
             break
-        moved = np.zeros(len(surface.vertices), dtype=bool)
-        moved[surface.faces[bad]] = True
-        moved[surface.faces[moved[surface.faces].any(axis=1)]] = True
-        faces = surface.faces
-        start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()  # each edge of a closed mesh both ways
-        number = np.maximum(np.bincount(start, minlength=len(moved)), 1)
-        mean = np.column_stack([np.bincount(start, x[end], len(moved)) / number for x in surface.vertices.T])
+        moved = np.zeros(count, dtype=bool)
+        moved[faces[bad]] = True
+        for _ in range(rings):
+            moved[faces[moved[faces].any(axis=1)]] = True
+        mean = np.column_stack([np.bincount(start, x[end], count) / number for x in surface.vertices.T])
         surface = surface.with_vertices(np.where(moved[:, None], mean, surface.vertices))
     return surface
