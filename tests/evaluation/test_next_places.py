@@ -220,16 +220,6 @@ def test_depth_grows_along_a_tube() -> None:
     assert np.allclose(depth[len(ball) :], np.hypot(x, 5.0) - 16.0, atol=0.1)
 
 
-def test_ten_thousand_vertices_take_about_a_second() -> None:
-    from time import perf_counter
-
-    case, estimate = mapped(70, 60)
-    assert len(case.prior.vertices) > 9_500
-    begun = perf_counter()
-    assert suggest(case, estimate, 5).places
-    assert perf_counter() - begun < 5.0  # a shared machine may be slow; alone it takes half a second
-
-
 def test_numbers_of_the_advice_are_those_of_the_documents() -> None:
     assert (next_places.LEAST_GAIN, next_places.APART) == (0.02, 0.2)
 
