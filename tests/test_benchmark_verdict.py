@@ -125,8 +125,7 @@ def test_a_run_is_graded_without_its_truth_and_again_from_its_folder(tmp_path: P
     assert found["points"] > 100
     assert found["truth"]["errors"]["level_set"]["ssd"] < found["truth"]["errors"]["icp"]["ssd"]
     assert not list((tmp_path / "demo" / "case").glob("truth*"))
-    calibration = next(check for check in found["checks"] if check["name"] == "Calibration")
-    assert calibration["grade"] == "none"
+    assert "Calibration" not in [check["name"] for check in found["checks"]]  # which needs the truth
     assert found["stats"]["left_8_mm"] > 0.0
     again = verdict.graded_again(found | {"grade": "?", "checks": []}, tmp_path)
     assert (again["grade"], again["checks"]) == (found["grade"], found["checks"])

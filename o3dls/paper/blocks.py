@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,8 +15,13 @@ class Heading:
     text: str
     level: int = 2
 
+    @property
+    def anchor(self) -> str:
+        """Name the heading in links, as viewers of Markdown do."""
+        return re.sub(r"[^\w-]", "", self.text.lower().replace(" ", "-"))
+
     def html(self) -> Html:
-        return tag(f"h{self.level}", self.text)
+        return tag(f"h{self.level}", self.text, id=self.anchor)
 
     def markdown(self) -> str:
         return f"{'#' * self.level} {self.text}"
@@ -63,11 +69,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure is a PNG with its file name and what it shows."""
+    """A figure is a PNG with its file name, what it shows, and the heading of its section."""
 
     name: str
     caption: str
     png: bytes
+    section: Heading | None = None
 
     @property
     def file(self) -> str:
@@ -79,11 +86,17 @@ class Figure:
         return tag(
             "figure",
             tag("div", picture, class_="scroll", tabindex="0", role="region", aria_label=self.name),
-            tag("figcaption", self.caption),
+            tag("figcaption", self.caption, self._link_section()),
         )
 
+    def _link_section(self) -> Html | None:
+        at = self.section
+        return None if at is None else join(" Numbers: ", tag("a", at.text, href=f"#{at.anchor}"), ".")
+
     def markdown(self) -> str:
-        return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
+        at = self.section
+        link = f" Numbers: [{at.text}](#{at.anchor})." if at else ""
+        return f"![{self.caption}]({self.file})\n\n*{self.caption}*{link}"
 
 
 def coded(text: str) -> Html:

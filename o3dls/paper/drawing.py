@@ -66,7 +66,7 @@ def curves(
             ax.xaxis.get_major_locator().set_params(integer=True)
             if len(at := {level for curve in methods.values() for level in curve}) == 1:
                 ax.set_xlim(min(at) - 1, min(at) + 1)  # one level: methods stand beside each other
-        axes[0].set_ylim(bottom=0.0)
+        axes[0].set_ylim(0.0, 1.05 * axes[0].get_ylim()[1])
         axes[0].set_ylabel(y)
         for name, curve in (lines or {}).items():
             axes[0].plot(

@@ -173,12 +173,12 @@ def blocks(results: Results) -> list[Block]:
         Text(
             "Equation 16 over its weight alpha (of prior against data): less alpha, nearer fitted "
             "points, while the held-out error "
-            "stays or grows and the surface breaks into components. Dashed: our automatic choice, which the "
-            "evidence makes without a weight."
+            "stays or grows and the surface breaks into components."
         ),
         Figure(
             "alpha",
-            "Fitted and held-out error, and pieces of the surface, over alpha.",
+            "Fitted and held-out error, and pieces of the surface, over alpha, the weight of the prior "
+            "against the data. Dashed: our automatic choice, which the evidence makes without a weight.",
             _draw_curves(results),
         ),
     ]
@@ -218,7 +218,7 @@ def _draw_curves(results: Results) -> bytes:
             ylabel="pieces before clean-up",
             ylim=(0.8, max(2.0, 1.2 * max(pieces))),
         )
-        left.legend(fontsize=7, loc="upper right")
+        left.legend(fontsize=7, loc="best")
         for ax in (left, right):
             ax.grid(alpha=0.25)
             ax.invert_xaxis()

@@ -122,9 +122,7 @@ def _describe_shape(shape: str, rows: list[Row]) -> str:
         f"{MADE[shape]}; {len({row['seed'] for row in rows})} seeds, on which nothing was chosen. "
         f"Ours: `icp`, `deform`{_list_settings(shape)}, `topology`, `level_set`. "
         "Fitted: distance of the points used in the fit. "
-        "Held out: distance of points of the truth that were not used. "
-        "The dashed line is what the truth itself would score on the fitted points: a method below it "
-        "fits noise."
+        "Held out: distance of points of the truth that were not used."
     )
 
 
@@ -152,7 +150,9 @@ def _draw_curves(shape: str, rows: list[Row]) -> Figure:
     drawn = curves(panels, "noise, % of the points' standard deviation", f"mean distance, {unit}", floor)
     return Figure(
         f"{shape}_distance",
-        f"Mean distance and its standard deviation over seeds against noise: {shape}.",
+        f"{shape.capitalize()}: mean distance and its standard deviation over seeds against noise. The "
+        "dashed line is what the truth itself would score on the fitted points: a method below it fits "
+        "noise.",
         drawn,
     )
 

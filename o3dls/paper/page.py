@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from ..io.atomic import write_file
@@ -43,17 +45,31 @@ def write_page(results: Results, folder: Path) -> Path:
 
 
 def page(results: Results) -> list[Block]:
-    """Make all blocks in order; a section without numbers says why it is empty."""
+    """Make all blocks, the figures first; a section without numbers says why it is empty."""
     amount = "a quick look: few seeds, few levels" if results.quick else "all seeds"
-    blocks: list[Block] = [
+    sections = [*claims(results), *wrong_poses(results)]
+    for experiment in EXPERIMENTS:
+        sections += experiment.blocks(results)
+    return [
         Heading("The paper's experiments, and what it left open", 1),
         Text(
             f"Made from paper_results.json beside this page ({amount}). Research software, not for "
             "clinical use."
         ),
+        Heading("Figures"),
+        *_figures_of(sections),
+        *(block for block in sections if not isinstance(block, Figure)),
+        Heading("Make this page"),
         Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
     ]
-    blocks += [*claims(results), *wrong_poses(results)]
-    for section in EXPERIMENTS:
-        blocks += section.blocks(results)
-    return blocks
+
+
+def _figures_of(blocks: Iterable[Block]) -> list[Figure]:
+    """List the figures, each with the heading that stands before it."""
+    found = list[Figure]()
+    heading = None
+    for block in blocks:
+        heading = block if isinstance(block, Heading) else heading
+        if isinstance(block, Figure):
+            found.append(replace(block, section=heading))
+    return found

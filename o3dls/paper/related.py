@@ -112,7 +112,11 @@ def blocks(results: Results) -> list[Block]:
             "and are no better than "
             "the prior in its best pose; with enough points they work, and pass it."
         ),
-        Figure("related", "Error both ways against the number of points.", _draw_curves(rows, counts)),
+        Figure(
+            "related",
+            "Surfaces from points alone: error both ways against the number of points.",
+            _draw_curves(rows, counts),
+        ),
         Table(
             "Mean ± standard deviation over seeds, mm",
             ["system, points", "truth to surface", "both ways", "pieces", "s"],

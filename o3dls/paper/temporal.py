@@ -159,7 +159,7 @@ def blocks(results: Results) -> list[Block]:
         *found,
         Text(words),
         Table("Left-out phases: mean ± standard deviation", head, lines),
-        Figure("temporal_distance", "Held-out error by phase.", chart),
+        Figure("temporal_distance", "Temporal template: held-out error by phase.", chart),
         Figure(
             "temporal",
             "Phase 9 from a sparse map: distance to the phase as imaged, one colour scale.",

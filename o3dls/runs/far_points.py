@@ -18,6 +18,7 @@ from .run import Run
 FAR = 20.0
 OFF = 10.0  # mm: rarely exceeded by a site or a point on this wall
 FEW_FAR, FEW_OFF = 0.01, 0.1  # shares of the points that may lie beyond FAR and OFF in a good result
+FEW = f"up to {FEW_FAR:.0%} beyond {FAR:g} mm, {FEW_OFF:.0%} beyond {OFF:g} mm"
 HALF = 0.5
 SETS = {"held_out": "held-out points", "ablation": "ablation sites", "landmarks": "landmarks"}
 log = logging.getLogger("o3dls")

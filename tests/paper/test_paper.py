@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +83,20 @@ def test_a_quick_page_has_every_section_and_says_what_is_left_out(page: Path) ->
     assert all((page / name).stat().st_size > 5000 for name in figures)
 
 
+def test_the_page_begins_with_all_its_figures_and_each_leads_to_its_numbers(page: Path) -> None:
+    text = (page / "index.html").read_text(encoding="utf-8")
+    assert text.count("<figure>") > 5
+    assert text.rindex("<figure>") < text.index("<table>")
+    assert text.index("<figure>") < text.index("What must hold")
+    markdown = (page / "index.md").read_text(encoding="utf-8")
+    assert markdown.rindex("![") < markdown.index("| --- |")
+    links = re.findall(r'Numbers: <a href="#([^"]+)">([^<]+)</a>', text)
+    assert len(links) == text.count("<figure>")
+    for anchor, name in links:
+        assert f'<h2 id="{anchor}">{name}</h2>' in text
+        assert f"[{unescape(name)}](#{anchor})" in markdown
+
+
 def test_code_is_set_as_code_and_no_backtick_is_left(page: Path) -> None:
     text = (page / "index.html").read_text(encoding="utf-8")
     assert '<meta name="viewport" content="width=device-width' in text
@@ -130,7 +146,7 @@ def test_the_page_is_made_from_the_file_alone(page: Path, tmp_path: Path) -> Non
             row["held_out"] += 1000.0
     (again / RESULTS).write_text(json.dumps(whole))
     shown(again)
-    assert "100" in (again / "index.md").read_text().split("Star in the plane")[1].split("## Jar")[0]
+    assert "100" in (again / "index.md").read_text().split("## Star in the plane")[1].split("## Jar")[0]
 
 
 @pytest.mark.parametrize("experiment", ["star", "jar", "alpha", "related"])

@@ -24,8 +24,9 @@ from o3dls.report.expected import MEAN_OVER_SD, expected_error, left_out_scatter
 from o3dls.report.grading import expected_error as grading
 from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.grading.remarks import Remark
+from o3dls.report.grading.wall import HALF
 from o3dls.report.page import report_page
-from o3dls.report.sections.outcome import overall
+from o3dls.report.sections.outcome import overall, strip
 from o3dls.report.subject import Subject, read_subject
 from o3dls.run_warning import RunWarning
 from tests.finished import bulged_case, finished, finished_2d
@@ -53,10 +54,8 @@ def removed(share: float, reach: float) -> dict[str, Any]:
 
 def strip_of(folder: Path) -> dict[str, tuple[str, str, str]]:
     """Class, grade and text of each entry, as the page has them."""
-    found = re.findall(
-        r'<li class="(\w+)"><b>([^<]+)</b><span class="grade">([^<]+)</span><span>([^<]+)</span></li>',
-        report_page(read_subject([folder])),
-    )
+    said = r'<span class="grade">([^<]+)</span><span>([^<]+)</span>(?:<small|</li)'
+    found = re.findall(rf'<li class="(\w+)"><b>([^<]+)</b>{said}', report_page(read_subject([folder])))
     return {html.unescape(name): (kind, grade, html.unescape(said)) for kind, name, grade, said in found}
 
 
@@ -318,9 +317,19 @@ def test_a_connected_part_that_reaches_far_from_all_points_is_looked_at(
     assert ("mm from the nearest" in found.said) == (grade == "amber")
 
 
-def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:
+def test_without_truth_calibration_is_no_entry(tmp_path: Path) -> None:
     case = replace(bulged_case(), truth=None)
-    assert strip_of(finished(tmp_path / "run", case))["Calibration"][0] == "none"
+    assert "Calibration" not in strip_of(finished(tmp_path / "run", case))
+
+
+def test_each_graded_entry_says_what_is_ok_and_each_other_why_it_has_no_grade(run: Path) -> None:
+    subject = read_subject([run])
+    for one in checks(subject):
+        assert bool(one.limit) == (one.grade != "none"), one
+        assert one.short, one
+    shown = str(strip(checks(subject), "surface"))
+    assert f"OK up to {HALF:.0%}</small>" in shown
+    assert "OK from 48% to 88%</small>" in shown
 
 
 def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
@@ -332,7 +341,17 @@ def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
     assert "CHECK</strong> Look at this before you use the surface: c: 9 mm. </p>" in overall(
         [ok, amber, none], []
     )
-    said = overall([amber, red], [Remark("Only 3 points were fitted.", "amber"), Remark("x " * 100, "amber")])
+    said = overall([amber, red], [])
     assert "FAIL</strong> Do not use the surface before you know why: d: not valid: a fold; c: 9 mm. " in said
-    assert '<a href="#outcome">2 warnings</a>: Only 3 points were fitted; x x' in said
-    assert said.endswith(" …</span></p>")
+
+
+def test_remarks_at_the_top_are_whole_and_a_link_leads_to_the_others() -> None:
+    few, long = Remark("Only 3 points were fitted.", "amber"), Remark("x " * 100 + "end", "amber")
+    note = Remark("The image has no spacing")
+    assert "2 warnings, 1 note: Only 3 points were fitted. " in overall([], [few, long, note])
+    assert overall([], [few, long, note]).endswith('<a href="#warnings">And 2 more</a>.</span></p>')
+    assert "x x end. <a" in overall([], [long, few])  # whole, however long it is
+    assert "1 note: The image has no spacing. </span>" in overall([], [note])
+    shown = overall([], [few, replace(few, sentence="Nothing else"), note])
+    assert "Only 3 points were fitted. Nothing else. " in shown
+    assert "And 1 more" in shown

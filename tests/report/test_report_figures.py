@@ -25,7 +25,14 @@ from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import figures, pictures
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.colour_maps import MAPS, colour_table
-from o3dls.report.drawing.fields import Field, colours_of, known_fields, robust_range
+from o3dls.report.drawing.fields import (
+    Field,
+    colours_of,
+    known_fields,
+    length_range,
+    point_field,
+    robust_range,
+)
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
@@ -216,6 +223,34 @@ def test_ranges_are_robust_and_symmetric_where_signed() -> None:
     assert robust_range(values)[0] == 0.0
     assert robust_range(np.full(5, np.nan)) == (0.0, 1.0)
     assert robust_range(np.zeros(5)) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("most", "unit", "end"),
+    [
+        (0.3, "mm", 2.0),
+        (2.0, "mm", 2.0),
+        (2.1, "mm", 5.0),
+        (6.0, "mm", 10.0),
+        (30, "mm", 50),
+        (0.3, "px", 0.5),
+    ],
+)
+def test_scales_of_lengths_end_at_few_numbers_so_that_cases_compare(
+    most: float, unit: str, end: float
+) -> None:
+    values = np.append(np.full(100, most), [500.0, np.nan])
+    assert length_range(values, unit) == (0.0, pytest.approx(end))
+    assert length_range(-values, unit, signed=True) == (pytest.approx(-end), pytest.approx(end))
+
+
+def test_every_length_of_a_report_has_such_a_scale_which_all_its_pictures_share(tmp_path: Path) -> None:
+    subject = read_subject([finished(tmp_path / "run", bulged_case(), folds=3)])
+    lengths = [one for one in known_fields(list(subject.surfaces.values()), "mm") if one.unit == "mm"]
+    assert len(lengths) >= 4
+    for field in [*lengths, point_field(subject)]:
+        assert field.high in (2.0, 5.0, 10.0, 20.0, 50.0), field
+        assert field.low in (0.0, -field.high), field
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 1e-9), np.full(5, np.nan), np.zeros(0)])

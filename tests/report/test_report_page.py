@@ -201,7 +201,7 @@ def test_without_truth_the_first_colour_is_the_distance_of_points_left_out(
     case = replace(bulged_case(), truth=None)
     visit = Visit(browser, write_report([finished(tmp_path / "run", case, folds=3)]))
     first = visit.page.locator("#surface-bar .name").inner_text()
-    assert first == "distance of cross-validated points, mm"
+    assert first == "distance of left-out points, mm"
     assert visit.page.locator("#panels figcaption small").all_inner_texts() == ["", ""]
     options = visit.page.locator("#field option").all_inner_texts()
     assert options[1] == "posterior standard deviation"

@@ -12,6 +12,7 @@ from o3dls.report.drawing.scene import scene
 from o3dls.report.grading import doubts as doubts_module
 from o3dls.report.grading.doubts import doubted_regions
 from o3dls.report.grading.worse_parts import WorsePart, worse_parts
+from o3dls.report.mapping import place_words
 from o3dls.report.mapping.place_words import describe_place
 from o3dls.report.sections.answers import answers
 from o3dls.report.subject import read_subject
@@ -84,27 +85,42 @@ def test_a_place_has_a_direction_by_the_patients_axes(
     assert describe_place(subject, mark + np.array(step)) == words
 
 
-def test_where_the_patients_axes_are_unknown_the_direction_is_by_the_priors(tmp_path: Path) -> None:
-    case = bulged_case()
-    marks = {f"L{k}": at for k, at in enumerate(case.prior_landmarks.values())}
-    given = case.points.columns["name"]
-    names = np.array([f"L{list(case.prior_landmarks).index(name)}" if name else "" for name in given])
-    points = replace(case.points, columns={**case.points.columns, "name": names})
-    case = replace(case, prior_landmarks=marks, points=points, frame="unknown")
-    subject = read_subject([finished(tmp_path / "run", case)])
-    place = np.array([0.0, 20.0, 0.0]) + np.array([-9.0, 0.0, 8.0])
-    assert describe_place(subject, place) == "12 mm from L0 towards prior −x, +z"
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        ((0.0, 0.0, -12.0), "12 mm from L0, towards L1"),
+        ((0.0, 0.0, 12.0), "12 mm from L0, away from L1"),
+        ((0.0, -14.0, 2.0), "14 mm from L0, towards L2"),
+        ((12.0, 0.0, 0.0), "12 mm from L0 and 42 mm from L1"),
+        ((0.0, 2.0, 0.0), "at L0"),
+    ],
+)
+def test_where_the_patients_axes_are_unknown_a_place_is_named_by_two_landmarks(
+    run: Path, monkeypatch: pytest.MonkeyPatch, step: tuple[float, float, float], words: str
+) -> None:
+    marks = {"L0": (0.0, 0.0, 20.0), "L1": (0.0, 0.0, -20.0), "L2": (0.0, -50.0, 20.0)}
+    placed = {name: np.array(at) for name, at in marks.items()}
+    monkeypatch.setattr(place_words, "landmarks_in_map", lambda _: placed)
+    subject = read_subject([run])
+    points = subject.case.points.of("eam")
+    unknown = replace(subject.case, frame="unknown", prior_frame="unknown", points=points)
+    last = replace(subject.last, run=replace(subject.last.run, case=unknown))
+    unaware = replace(subject, results={subject.last.name: last})
+    assert describe_place(unaware, placed["L0"] + np.array(step)) == words
+    monkeypatch.setattr(place_words, "landmarks_in_map", lambda _: {"L0": placed["L0"]})
+    assert describe_place(unaware, placed["L0"] + 12 * np.eye(3)[0]) == "12 mm from L0"
 
 
-def test_without_landmarks_a_place_has_no_words_and_a_doubt_has_coordinates(
+def test_without_landmarks_a_doubt_is_named_by_its_letter_in_the_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = bulged_case(points=200)
     case = replace(case, prior_landmarks={}, points=case.points.of("eam", "ablation"))
     subject = read_subject([finished(tmp_path / "run", case, folds=3)])
     assert describe_place(subject, np.zeros(3)) == ""
-    part = WorsePart(subject.last.estimate.surface.vertices[7], 7.0)
-    monkeypatch.setattr(doubts_module, "worse_parts", lambda _: [part])
-    (doubt,) = doubted_regions(subject, [])
-    place = ", ".join(f"{x:.0f}" for x in part.place)
-    assert doubt.name == f"around ({place})"
+    places = subject.last.estimate.surface.vertices[[7, 90]]
+    parts = [WorsePart(place, error) for place, error in zip(places, (7.0, 6.0), strict=True)]
+    monkeypatch.setattr(doubts_module, "worse_parts", lambda _: parts)
+    doubts = doubted_regions(subject, [])
+    assert [one.name for one in doubts] == ["place A in the pictures", "place B in the pictures"]
+    assert [one["name"] for one in scene(subject, doubts)["doubts"]] == ["A: 7.0 mm", "B: 6.0 mm"]

@@ -31,7 +31,10 @@ function moveSurface({ box, positions, fields }) {
   geometry.boundingSphere = geometry.boundingBox = null; // of where it was
   const known = Object.assign(scene.meshes[mesh].fields, fields);
   setAttribute(geometry, "remoteness", known[scene.remoteness]);
-  if (settings.field) setAttribute(geometry, "value", known[settings.field.key]);
+  if (settings.field) {
+    setAttribute(geometry, "value", known[settings.field.key]);
+    softenMissing(geometry);
+  }
   if (pinned?.corners) followPinned(pinned, position);
   if ($("cut").value !== "") cut();
   clearTimeout(shownNow.drawing);

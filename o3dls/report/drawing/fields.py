@@ -1,10 +1,12 @@
 """What a surface can be coloured by: name, unit and colours.
 
-All estimates have one range, so that pictures compare.
+All estimates have one range, so that pictures compare. Lengths have one of few ranges, so that the same
+colour is the same length in the reports of most cases.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -22,6 +24,8 @@ from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 from .colour_maps import LOW_ENDS, colour_table
 
 STEPS = {"lat": 10.0}  # ms between isochrones
+LEAST = {"mm": 2.0}  # end of a scale: what is smaller matters little
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     """
     words = [
         Field(f"{TRUTH}_{unit}", "distance to truth", unit, "sequential"),
-        Field(f"{LEFT_OUT}_{unit}", "distance of cross-validated points", unit, "sequential"),
+        Field(f"{LEFT_OUT}_{unit}", "distance of left-out points", unit, "sequential"),
         Field(f"sd_{unit}", "posterior standard deviation", unit, "deviation"),
         Field(f"distance_to_nearest_point_{unit}", "distance to the nearest point", unit, "sequential"),
         Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
@@ -92,10 +96,21 @@ def _fit_range(field: Field, surfaces: Sequence[Surface]) -> Field:
     values = np.concatenate(
         [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
     )
-    low, high = robust_range(
-        values, signed=field.colours == "signed", from_zero=field.colours in ("sequential", "deviation")
-    )
+    if field.colours == "electrical" or field.key in STEPS:
+        low, high = robust_range(values, from_zero=False)
+    else:
+        low, high = length_range(values, field.unit, signed=field.colours == "signed")
     return replace(field, low=low, high=high)
+
+
+def length_range(values: Array, unit: str, *, signed: bool = False) -> tuple[float, float]:
+    """Return the ends of a colour scale of lengths: of 1, 2, 5 and 10 and so on, in mm from 2 on, the first
+    that is no less than those of `robust_range`.
+    """
+    reach = max(robust_range(values, signed=signed)[1], LEAST.get(unit, 0.0))
+    power = 10.0 ** math.floor(math.log10(reach))
+    end = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if reach <= step * power * (1 + ROUNDING))
+    return (-end if signed else 0.0), end
 
 
 def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True) -> tuple[float, float]:
@@ -115,7 +130,7 @@ def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True)
 def point_field(subject: Subject) -> Field:
     """Make the field of the distances from the points to the shown estimates, with one range for all."""
     gaps = [subject.results[name].point_distances for name in subject.shown]
-    low, high = robust_range(np.concatenate(gaps))
+    low, high = length_range(np.concatenate(gaps), subject.unit)
     return Field("points", "distance of the points", subject.unit, "points", low, high)
 
 

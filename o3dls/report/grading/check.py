@@ -19,14 +19,15 @@ WORDS: Mapping[Grade, str] = {
 
 @dataclass(frozen=True)
 class Check:
-    """A check is one entry of the strip: what is looked at, how it came out, and why in a sentence and in
-    short.
+    """A check is one entry of the strip: what is looked at, how it came out, why in a sentence and in short,
+    and what would be OK (empty where nothing could be graded).
     """
 
     name: str
     grade: Grade
     said: str
     short: str = ""
+    limit: str = ""
 
 
 def doubtful(found: Sequence[Check]) -> list[Check]:

@@ -19,7 +19,7 @@ from ..mapping.wall_regions import wall_regions
 from ..subject import Subject
 from .check import Check, worst_grade
 from .expected_error import contradicted_regions
-from .worse_parts import worse_parts
+from .worse_parts import WorsePart, worse_parts
 
 NAMED = 3  # on the first screen and in the pictures; the tables have all
 UNMAPPED = 0.5  # share of a region without points from which its shape is that of the image
@@ -57,21 +57,26 @@ def doubted_regions(subject: Subject, found: Sequence[Check]) -> list[Doubt]:
     ]
 
 
-def _worse(subject: Subject, surface: Surface, of: Ints | None) -> Iterator[Doubt]:
+def _worse(subject: Subject, surface: Surface, of: Ints | None) -> list[Doubt]:
     """List the parts of the mapped wall of which the model is less sure than of the rest, but for those of
     regions that are named as a whole.
     """
-    named = list(contradicted_regions(subject))
+    named = [*contradicted_regions(subject), VALVE]  # which is no wall
     tree = cKDTree(surface.vertices)
-    for one in worse_parts(subject):
-        at = int(tree.query(one.place)[1])
-        region = None if of is None else int(of[at])
-        if region in named or region == VALVE:  # which is no wall
-            continue
-        words = ["" if region is None else word(region), describe_place(subject, one.place)]
-        where = ", ".join(filter(None, words)) or f"around ({', '.join(f'{x:.0f}' for x in one.place)})"
-        error = f"{one.error:.1f} {subject.unit}"
-        yield Doubt(where, f"{error} by the model", one.place, error, words[0])
+    found = [(one, None if of is None else int(of[tree.query(one.place)[1]])) for one in worse_parts(subject)]
+    kept = [(one, region) for one, region in found if region not in named]
+    return [_name_part(subject, k, *one) for k, one in enumerate(kept)]
+
+
+def _name_part(subject: Subject, k: int, part: WorsePart, region: int | None) -> Doubt:
+    """Name the part with number k by region and landmarks; without landmarks, by a letter in the pictures."""
+    inside = "" if region is None else word(region)
+    beside, label = describe_place(subject, part.place), f"{part.error:.1f} {subject.unit}"
+    said = f"{label} by the model"
+    if not beside:
+        letter = chr(ord("A") + k)
+        beside, label = f"place {letter} in the pictures", f"{letter}: {label}"
+    return Doubt(", ".join(filter(None, [inside, beside])), said, part.place, label, inside)
 
 
 def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doubt]:

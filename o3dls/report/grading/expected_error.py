@@ -18,14 +18,15 @@ NARROW = 1.5
 UNLIKELY = (
     0.001  # chance of the left-out points of a region where the posterior holds: of a dozen regions each
 )
-NAME = "Expected error"
+NAME, NO_POSTERIOR = "Expected error", "no posterior"
+LIMIT = f"up to {NARROW:g} times predicted"
 
 
 def check_expected_error(subject: Subject) -> Check:
     """Compare the posterior with the points that were left out. Without such points nothing supports it."""
     found = expected_error(subject)
     if found is None:
-        return Check(NAME, "none", "no stage gives a posterior")
+        return Check(NAME, "none", "no stage gives a posterior", NO_POSTERIOR)
     scatter = left_out_scatter(subject.last)
     mean = f"mean {found.all:.2f} {subject.unit}"
     # the number of the first screen: of two that differ, a reader cannot know which to believe
@@ -33,7 +34,9 @@ def check_expected_error(subject: Subject) -> Check:
     short = short if found.mapped is None else f"{short}, {MAPPED}"
     if scatter is None:
         said = f"{mean} by the posterior alone ({_list_parts(found, subject.unit)})"
-        return Check(NAME, "none", f"{said}; not cross-validated: set folds = 5 to test it", short)
+        return Check(
+            NAME, "none", f"{said}; not cross-validated: set folds = 5 to test it", f"{short}, not tested"
+        )
     said = f"{mean} ({_list_parts(found, subject.unit)})"
     ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
     doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
@@ -42,8 +45,8 @@ def check_expected_error(subject: Subject) -> Check:
         for region, one in contradicted_regions(subject).items()
     ]
     if doubts:
-        return Check(NAME, "amber", f"{said}; {'; '.join(doubts)}", f"{short}, contradicted")
-    return Check(NAME, "good", f"{said}; {ratio}", short)
+        return Check(NAME, "amber", f"{said}; {'; '.join(doubts)}", f"{short}, contradicted", LIMIT)
+    return Check(NAME, "good", f"{said}; {ratio}", short, LIMIT)
 
 
 def _list_parts(found: Expected, unit: str) -> str:

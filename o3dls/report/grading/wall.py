@@ -17,9 +17,12 @@ from .farthest_part import farthest_part
 BEAT, LARGE_CHANGE = 0.55, 0.5
 SMALL_CHANGE = 0.1  # beside which the strip does not say what is normal
 REMOVED, TUBE = 0.01, 5.0  # share of the wall, and mm of a tube, whose removal is to be looked at
+LITTLE = f"below {REMOVED:.0%} and {TUBE:g} mm"
 FAR_REACH = 20.0  # mm from every point, from which a part of the wall is named,
 FAR_SHARE = 0.1  # and its share of the wall from which it is to be looked at
+NEAR = f"up to {FAR_REACH:g} mm, or below {FAR_SHARE:.0%}"
 HALF = 0.5  # of the wall without points: the result is more prior than map
+FLAT = "in 3D only"
 
 
 def removed_wall(subject: Subject) -> Check:
@@ -29,11 +32,11 @@ def removed_wall(subject: Subject) -> Check:
     share = max((float(one.get("removed_share", 0.0)) for one in facts), default=0.0)
     reach = max((float(one.get("removed_reach_mm", 0.0)) for one in facts), default=0.0)
     if share == 0.0:
-        return Check(name, "good", "no part of the prior was removed", "nothing")
+        return Check(name, "good", "no part of the prior was removed", "nothing", LITTLE)
     removed = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left"
     said = f"{removed}: check that the patient lacks it"
     much = share >= REMOVED or reach >= TUBE
-    return Check(name, "amber" if much else "good", said, f"{share:.1%}, {reach:.0f} mm")
+    return Check(name, "amber" if much else "good", said, f"{share:.1%}, {reach:.0f} mm", LITTLE)
 
 
 def prior_only(subject: Subject) -> Check:
@@ -43,7 +46,7 @@ def prior_only(subject: Subject) -> Check:
     name = "Prior-only area"
     share = subject.unmapped
     if share is None:
-        return Check(name, "none", "is measured on surfaces in 3D")
+        return Check(name, "none", "is measured on surfaces in 3D", FLAT)
     before = _unmapped_before_removal(subject)
     said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
     if before is not None and before > share:
@@ -53,7 +56,7 @@ def prior_only(subject: Subject) -> Check:
     if missing := absent_share(subject.last.estimate.surface):
         said += f"; {missing:.1%} of the surface may not exist"
     half = max(share, before or 0.0) > HALF
-    return Check(name, "amber" if half else "good", said, f"{share:.0%}")
+    return Check(name, "amber" if half else "good", said, f"{share:.0%}", f"up to {HALF:.0%}")
 
 
 def _share_cut(subject: Subject) -> float:
@@ -78,7 +81,7 @@ def farthest(subject: Subject) -> Check:
     name, surface = "Farthest part", subject.last.estimate.surface
     found = farthest_part(surface, subject.unit)
     if found is None:
-        return Check(name, "none", "is measured on surfaces in 3D")
+        return Check(name, "none", "is measured on surfaces in 3D", FLAT)
     at = f"around ({', '.join(f'{x:.0f}' for x in found.middle)})"
     where = ", ".join(filter(None, [describe_place(subject, found.middle), at]))
     said = (
@@ -86,11 +89,11 @@ def farthest(subject: Subject) -> Check:
         f"{found.reach:.0f} mm from the nearest: is it part of this chamber?"
     )
     if found.reach <= FAR_REACH:
-        return Check(
-            name, "good", f"no wall is farther than {FAR_REACH:g} mm from a point", f"{found.reach:.0f} mm"
-        )
+        said = f"no wall is farther than {FAR_REACH:g} mm from a point"
+        return Check(name, "good", said, f"{found.reach:.0f} mm from a point", NEAR)
     grade: Grade = "amber" if found.share >= FAR_SHARE else "good"
-    return Check(name, grade, said, f"{found.share:.0%}, {found.reach:.0f} mm")
+    short = f"{found.share:.0%} of the wall, to {found.reach:.0f} mm from a point"
+    return Check(name, grade, said, short, NEAR)
 
 
 def volume(subject: Subject) -> Check:
@@ -98,13 +101,13 @@ def volume(subject: Subject) -> Check:
     name = f"{words.amount.capitalize()} change"
     change = subject.last.validity.get("volume_change")
     if change is None:
-        return Check(name, "none", f"an open {words.shape} has no {words.amount}")
+        return Check(name, "none", f"an open {words.shape} has no {words.amount}", f"open {words.shape}")
     large = abs(change) >= LARGE_CHANGE
     short = f"{signed(100 * change, 0)} %"
     said = f"{short} against the prior{_explain_change(subject, large)}"
     notable = subject.case.dimension == 3 and abs(change) >= SMALL_CHANGE
     beat = f" (a beat: {BEAT:.0%})" if notable else ""
-    return Check(name, "amber" if large else "good", said, short + beat)
+    return Check(name, "amber" if large else "good", said, short + beat, f"below {LARGE_CHANGE:.0%}")
 
 
 def _explain_change(subject: Subject, large: bool) -> str:

@@ -1,5 +1,5 @@
 """Where a place of the wall lies, in words by which a person finds it: how far from the nearest landmark, and
-on which side of it.
+on which side of it, or towards which other landmark.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ HERE = 3.0  # mm from a landmark, within which a place is at it
 SECOND = (
     0.5  # of the longest step, from which a second one is named: the direction is off by at most 27 degrees
 )
+ALONG = 0.7  # cosine of the angle between two ways, 45 degrees, up to which one leads as the other
 # towards the patient's left, front and head, and away from them
 SIDES = (("left of", "right of"), ("in front of", "behind"), ("above", "below"))
 
@@ -31,29 +32,41 @@ def nearest_landmark(marks: Mapping[str, Array], place: Array) -> tuple[str, flo
 
 
 def describe_place(subject: Subject, place: Array) -> str:
-    """Describe where a place (d,) of the map lies from its nearest landmark, such as `12 mm below RIPV`; by
-    the prior's axes, as the views are named, where the patient's are not known. Empty without landmarks.
+    """Describe where a place (d,) of the map lies from its nearest landmark, such as `12 mm below RIPV`;
+    where the patient's axes are not known, by the other landmarks. Empty without landmarks.
     """
     marks = landmarks_in_map(subject)
     name, gap = nearest_landmark(marks, place)
     if gap is None:
         return ""
-    far = f"{gap:.0f} {subject.unit}"
-    if len(place) == 2 or subject.unit != "mm":
-        return f"{far} from {name}"
-    if gap < HERE:
+    if subject.unit == "mm" and gap < HERE:
         return f"at {name}"
-    seen = orientation(subject)
-    sides = _name_sides(seen, place - marks[name])
-    if seen.patient:
-        return f"{far} {' and '.join(sides)} {name}"
-    return f"{far} from {name} towards prior {', '.join(one.removeprefix('prior ') for one in sides)}"
+    far = f"{gap:.0f} {subject.unit}"
+    if len(place) == 3 and subject.unit == "mm" and (seen := orientation(subject)).patient:
+        return f"{far} {' and '.join(_name_sides(seen, place - marks[name]))} {name}"
+    others = {other: at for other, at in marks.items() if other != name}
+    return f"{far} from {name}{_name_way(marks[name], place, others, subject.unit)}"
 
 
 def _name_sides(seen: Orientation, step: Array) -> list[str]:
     """Name the sides towards which a step (3,) leads, the longest part first, at most two."""
     parts = np.array([seen.left, seen.front, seen.up]) @ step
-    words = SIDES if seen.patient else seen.sides()
     order = [int(k) for k in np.argsort(-np.abs(parts))[:2]]
     named = [k for k in order if abs(parts[k]) >= SECOND * abs(parts[order[0]])]
-    return [words[k][0 if parts[k] > 0 else 1] for k in named]
+    return [SIDES[k][0 if parts[k] > 0 else 1] for k in named]
+
+
+def _name_way(start: Array, place: Array, others: Mapping[str, Array], unit: str) -> str:
+    """Say towards or away from which of the other landmarks the way to a place leads; where it leads past all
+    of them, how far the place is from the nearest.
+    """
+    ways = {name: at - start for name, at in others.items() if (at != start).any()}
+    if not ways:
+        return ""
+    step = (place - start) / np.linalg.norm(place - start)
+    cosines = {name: float(way @ step / np.linalg.norm(way)) for name, way in ways.items()}
+    name = max(cosines, key=lambda one: abs(cosines[one]))
+    if abs(cosines[name]) >= ALONG:
+        return f", {'towards' if cosines[name] > 0 else 'away from'} {name}"
+    second, gap = nearest_landmark(others, place)
+    return f" and {gap:.0f} {unit} from {second}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from textwrap import shorten
+from itertools import accumulate
 
 from ..checks import WARNINGS, checks
 from ..grading.check import WORDS, Check, Grade, doubtful, worst_grade
@@ -19,11 +19,12 @@ MEANINGS: Mapping[Grade, str] = {
     "amber": "Look at this before you use the surface",
     "bad": "Do not use the surface before you know why",
 }
-LETTERS = 110  # of the remarks at the top of the page: they fill two lines on a telephone
+NOTES = "Notes"
+LETTERS = 110  # two lines on a telephone, from which on no further remark stands at the top of the page
 
 
 def overall(found: Sequence[Check], told: Sequence[Remark]) -> Html:
-    """Show the worst grade of the checks, which of them have it, and the beginning of the remarks."""
+    """Show the worst grade of the checks, which of them have it, and the first remarks."""
     raised, grade = doubtful(found), worst_grade(found)
     said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised if one.name != WARNINGS)
     rests_on = said if raised else _count_passed(found)
@@ -31,7 +32,7 @@ def overall(found: Sequence[Check], told: Sequence[Remark]) -> Html:
         "p",
         tag("strong", WORDS[grade], class_="grade"),
         f" {MEANINGS[grade]}{': ' if rests_on else ''}{rests_on}. ",
-        _shorten_remarks(told),
+        _begin_remarks(told),
         class_=f"overall {grade}",
     )
 
@@ -45,13 +46,18 @@ def _count_passed(found: Sequence[Check]) -> str:
     return ", ".join(text.format(grades.count(kind)) for kind, text in kinds if kind in grades)
 
 
-def _shorten_remarks(told: Sequence[Remark]) -> Html | None:
-    """Count the remarks, with the beginning of the gravest: warnings, or notes where there are no others."""
+def _begin_remarks(told: Sequence[Remark]) -> Html | None:
+    """Count the remarks, with the first whole ones: warnings, or notes where there are no others. A link
+    leads to the rest.
+    """
     if not told:
         return None
-    first = warnings_of(told) or told
-    text = shorten("; ".join(one.sentence.rstrip(".") for one in first), LETTERS, placeholder=" …")
-    return tag("span", tag("a", count_remarks(told), href="#outcome"), f": {text}")
+    first, where = (grave, WARNINGS) if (grave := warnings_of(told)) else (told, NOTES)
+    fitting = sum(end <= LETTERS for end in accumulate(len(one.sentence) for one in first))
+    shown = [f"{one.sentence.rstrip('.')}." for one in first[: max(1, fitting)]]
+    more = len(told) - len(shown)
+    link = tag("a", f"And {more} more", href=f"#{where.lower()}")
+    return tag("span", f"{count_remarks(told)}: {' '.join(shown)} ", join(link, ".") if more else None)
 
 
 def strip(found: Sequence[Check], name: str) -> Html:
@@ -64,6 +70,7 @@ def strip(found: Sequence[Check], name: str) -> Html:
             tag("b", one.name),
             tag("span", WORDS[one.grade], class_="grade"),
             tag("span", one.short) if one.short else None,
+            _name_limit(one),
             class_=one.grade,
             title=one.said,
         )
@@ -79,17 +86,22 @@ def outcome_section(subject: Subject) -> Section:
         tag("p", verdict(subject), class_="verdict"),
         parts_table(subject),
         tag("ul", *map(_check_item, checks(subject)), class_="checks", aria_label="Checks"),
-        _list_remarks(warnings_of(told), "Warnings"),
-        _list_remarks(notes_of(told), "Notes"),
+        _list_remarks(warnings_of(told), WARNINGS),
+        _list_remarks(notes_of(told), NOTES),
     )
     return Section("outcome", "Outcome", body)
 
 
 def _list_remarks(told: Sequence[Remark], name: str) -> Html | None:
     items = [tag("li", one.sentence) for one in told]
-    return tag("ul", *items, class_=name.lower(), aria_label=name) if items else None
+    anchor = name.lower()
+    return tag("ul", *items, id=anchor, class_=anchor, aria_label=name) if items else None
 
 
 def _check_item(one: Check) -> Html:
     grade = tag("span", WORDS[one.grade], class_="grade")
-    return tag("li", tag("b", one.name), grade, tag("span", one.said), class_=one.grade)
+    return tag("li", tag("b", one.name), grade, tag("span", one.said), _name_limit(one), class_=one.grade)
+
+
+def _name_limit(one: Check) -> Html | None:
+    return tag("small", f"{WORDS['good']} {one.limit}", class_="soft") if one.limit else None

@@ -2,15 +2,15 @@
 
 const BEYOND = "values beyond are shown in the end's colour";
 
-// Three to five multiples of 1, 2, 2.5 or 5 times a power of ten between two numbers.
+// Up to six multiples of 1, 2, 2.5 or 5 times a power of ten between two numbers, the numbers themselves among them where they can be.
 function ticks(low, high) {
   const power = 10 ** Math.floor(Math.log10(high - low)) / 10;
   const slack = 1e-9 * (high - low);
-  for (const step of [1, 2, 2.5, 5, 10, 20].map((n) => n * power)) {
-    const [first, last] = [Math.ceil((low - slack) / step), Math.floor((high + slack) / step)];
-    if (last - first < 5) return Array.from({ length: last - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(10)));
-  }
-  return [];
+  const steps = [1, 2, 2.5, 5, 10, 20].map((n) => n * power);
+  const spans = steps.map((step) => ({ step, first: Math.ceil((low - slack) / step), last: Math.floor((high + slack) / step) }));
+  const reachesEnds = ({ step, first, last }) => last - first < 6 && first * step < low + slack && last * step > high - slack;
+  const { step, first, last } = spans.find(reachesEnds) || spans.find((span) => span.last - span.first < 5);
+  return Array.from({ length: last - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(10)));
 }
 
 function markBars() {
@@ -28,11 +28,13 @@ function surfaceValues() {
 function markBar(bar, [low, high], values) {
   const slack = 1e-4 * (high - low); // values are packed in 16 bits
   const beyond = (found) => values.some((array) => array.some((value) => value > -1e20 && found(value)));
-  bar.querySelector(".under").hidden = !beyond((value) => value < low - slack);
-  bar.querySelector(".over").hidden = !beyond((value) => value > high + slack);
+  const [under, over] = [beyond((value) => value < low - slack), beyond((value) => value > high + slack)];
+  bar.querySelector(".under").hidden = !under;
+  bar.querySelector(".over").hidden = !over;
+  const signOf = (value) => (under && value <= low + slack ? "≤ " : over && value >= high - slack ? "≥ " : "");
   const marks = ticks(low, high).map((value) => {
     const made = document.createElement("span");
-    made.textContent = value;
+    made.textContent = signOf(value) + value;
     made.style.left = `${(100 * (value - low)) / (high - low)}%`;
     return made;
   });

@@ -56,6 +56,7 @@ function colourPanel(panel) {
   const data = field && scene.meshes[panel.mesh].fields[field.key];
   setAttribute(panel.geometry, "value", data);
   if (field && isMoving(panel)) mixField(field);
+  softenMissing(panel.geometry);
   noteColour(panel);
 }
 
@@ -101,7 +102,10 @@ function setStep() {
 
 function setAttribute(geometry, name, data) {
   const count = geometry.getAttribute("position").count;
-  const values = data ? unpack(data) : new Float32Array(count).fill(MISSING);
+  setArray(geometry, name, data ? unpack(data) : new Float32Array(count).fill(MISSING));
+}
+
+function setArray(geometry, name, values) {
   const there = geometry.getAttribute(name);
   if (!there) return geometry.setAttribute(name, new THREE.BufferAttribute(values, 1));
   there.array.set(values); // a buffer that is replaced would stay on the graphics card

@@ -1,20 +1,23 @@
 // How surfaces and points are painted: one table of colours, a light at the camera, a cut plane, and grey or hatching where nothing is known.
 
 const VERTEX = `
-  attribute float value;
+  attribute float shade; // both by missing.js
+  attribute float known;
   attribute float remoteness;
   attribute float occlusion; // share of the light from outside that other wall keeps away, by occlusion.py
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
+  varying float vKnown;
   flat varying float vCode;
   varying float vRemoteness;
   varying float vOcclusion;
   void main() {
+    vKnown = known;
     vOcclusion = occlusion;
     vNormal = normalMatrix * normal;
     vPosition = (modelMatrix * vec4(position, 1.0)).xyz;
-    vValue = vCode = value;
+    vValue = vCode = shade;
     vRemoteness = remoteness;
     gl_Position = projectionMatrix * viewMatrix * vec4(vPosition, 1.0);
   }`;
@@ -39,6 +42,7 @@ const FRAGMENT = `
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
+  varying float vKnown;
   flat varying float vCode;
   varying float vRemoteness;
   varying float vOcclusion;
@@ -47,7 +51,7 @@ const FRAGMENT = `
     float facing = abs(normalize(vNormal).z);
     vec3 colour = plain;
     float value = coded ? vCode : vValue;
-    bool bare = !mapped || value < -1e20; // grey, on which lines in its own grey would not show
+    bool bare = !mapped || vKnown < 0.5; // grey, on which lines in its own grey would not show
     if (!bare) {
       float t = clamp((value - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
       colour = texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
@@ -55,7 +59,7 @@ const FRAGMENT = `
     float count = vValue / max(isochrones, 1e-6);
     float wide = fwidth(count); // steps per pixel: where lines would merge there are none
     bool line = wide < 0.4 && abs(fract(count + 0.5) - 0.5) < 0.8 * wide;
-    if (mapped && isochrones > 0.0 && vValue > -1e20 && line) colour = vec3(0.08);
+    if (!bare && isochrones > 0.0 && line) colour = vec3(0.08);
     if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(bare ? 0.42 : 0.72), 0.8);
     float lit = 1.0 - (1.0 - facing) * (1.0 - facing);
     float light = mix(FLOOR, gl_FrontFacing ? 1.0 : INSIDE_LIGHT, lit);

@@ -58,9 +58,8 @@ function describe(found) {
 function describeWall({ panel, geometry, corners, weights }) {
   const { field } = settings;
   if (!field) return `${panel.name}: surface, no colour chosen`;
-  const values = geometry.getAttribute("value").array;
-  if (corners.some((corner) => !(values[corner] > -1e20))) return `${panel.name}: no ${field.label} here`;
-  const value = corners.reduce((sum, corner, k) => sum + weights[k] * values[corner], 0);
+  const [known, value] = ["known", "shade"].map((name) => geometry.getAttribute(name).array).map((array) => corners.reduce((sum, corner, k) => sum + weights[k] * array[corner], 0));
+  if (known < 0.5) return `${panel.name}: no ${field.label} here`; // as the picture is drawn
   return `${panel.name}: ${field.label} ${withUnit(value, field.unit)}`;
 }
 

@@ -17,7 +17,7 @@ run, report, launch, browser, visit = FIXTURES
 def bar_says(visit: Visit, bar: str = "#surface-bar") -> tuple[list[float], bool, bool]:
     """Numbers under a bar, and whether it marks values below and above its ends."""
     found = visit.page.locator(bar)
-    numbers = [float(text) for text in found.locator(".ticks span").all_inner_texts()]
+    numbers = [float(text.strip("≤≥ ")) for text in found.locator(".ticks span").all_inner_texts()]
     return numbers, found.locator(".under").is_visible(), found.locator(".over").is_visible()
 
 
@@ -27,7 +27,9 @@ def bar_says(visit: Visit, bar: str = "#surface-bar") -> tuple[list[float], bool
         ("0", "30", [0, 10, 20, 30]),
         ("1.9", "12.1", [2.5, 5, 7.5, 10]),
         ("-180", "14", [-150, -100, -50, 0]),
-        ("0.5", "1.5", [0.6, 0.8, 1, 1.2, 1.4]),
+        ("0", "5", [0, 1, 2, 3, 4, 5]),
+        ("-10", "10", [-10, -5, 0, 5, 10]),
+        ("0.5", "1.5", [0.5, 0.75, 1, 1.25, 1.5]),
         ("0.00001", "0.00003", [1e-5, 1.5e-5, 2e-5, 2.5e-5, 3e-5]),
     ],
 )
@@ -51,7 +53,9 @@ def test_colour_bars_have_round_numbers_at_their_places(
 
 def test_colour_bars_mark_values_beyond_their_ends(visit: Visit) -> None:
     """Only where the shown estimates have such values: the start is farther off than those shown at first."""
-    assert bar_says(visit)[1:] == (False, True)  # the range leaves out the largest few values
+    type_range(visit, "0", "0.5")
+    assert bar_says(visit)[1:] == (False, True)
+    assert visit.page.locator("#surface-bar .ticks span").last.inner_text() == "≥ 0.5"
     title = visit.page.locator("#surface-bar .over").get_attribute("title")
     assert title == "values beyond are shown in the end's colour"
     type_range(visit, "-1", "1000")

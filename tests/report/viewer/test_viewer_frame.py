@@ -68,7 +68,7 @@ def halved(browser: Any, half: Path) -> Iterator[Visit]:
     opened.page.close()
 
 
-@pytest.mark.parametrize("colour", ["distance of cross-validated points", "no colour"])
+@pytest.mark.parametrize("colour", ["distance of left-out points", "no colour"])
 def test_wall_without_points_is_hatched_also_where_the_colour_has_no_value(
     halved: Visit, colour: str
 ) -> None:
@@ -91,7 +91,7 @@ def test_wall_without_points_is_hatched_also_where_the_colour_has_no_value(
 
 def test_the_legend_names_hatching_and_missing_values_where_there_are_any(halved: Visit) -> None:
     page = halved.page
-    page.select_option("#field", label="distance of cross-validated points")
+    page.select_option("#field", label="distance of left-out points")
 
     def shown() -> list[bool]:
         return [page.locator(f"#{one}").is_visible() for one in ("means-hatched", "means-grey")]
@@ -117,3 +117,23 @@ def test_pictures_without_a_graphics_card_are_hatched_too(half: Path) -> None:
     lower, upper = np.array_split(drawn.astype(float).mean(axis=2), 2)[::-1]
     steps = [np.abs(np.diff(part, axis=1))[np.abs(np.diff(part, axis=1)) < 120] for part in (lower, upper)]
     assert (steps[0] > 20).mean() > 2 * (steps[1] > 20).mean()
+
+
+def test_the_border_of_wall_without_a_value_is_smooth_and_not_along_triangles(halved: Visit) -> None:
+    """How far the border wanders from itself made smooth over 8 pixels, in its length."""
+    from scipy.ndimage import binary_erosion, gaussian_filter
+
+    page = halved.page
+    page.select_option("#field", label="distance of left-out points")
+    for box in page.locator("#kinds input, #labels, #hatched").all():
+        box.uncheck()
+    halved.settle()
+    picture = halved.picture(0).astype(float)
+    wall = picture[..., 3] > 250
+    grey = wall & (np.ptp(picture[..., :3], axis=-1) < 12) & (picture[..., 0] > 120)
+    assert 0.05 < grey.sum() / wall.sum() < 0.95
+    inner = binary_erosion(wall, iterations=20)
+    smooth = gaussian_filter(grey.astype(float), 8) > 0.5
+    border = (smooth ^ binary_erosion(smooth)) & inner
+    assert border.sum() > 100
+    assert ((smooth ^ grey) & inner).sum() / border.sum() < 0.75
