@@ -73,7 +73,6 @@ GRADES: Mapping[str, Grade] = {
     "landmark-swapped-place": "amber",
     "sigma-range": "amber",
     "many-outliers": "bad",
-    "captured-points": "amber",
     "stretched-wall": "amber",
     "volume-changed": "amber",
     "alternative-start": "amber",

@@ -87,8 +87,7 @@ def test_the_strip_says_what_run_json_says(run: Path, tmp_path: Path) -> None:
         ("Volume change", "level_set", {"validity": {"volume_change": -0.34}}, "good", "can explain it"),
         ("Volume change", "level_set", {"validity": {"volume_change": 0.51}}, "amber", "alone is unlikely"),
         ("Removed wall", "icp", removed(0.004, 4.0), "good", "0.4%"),
-        ("Removed wall", "icp", removed(0.011, 4.0), "amber", "1.1%"),
-        ("Removed wall", "icp", removed(0.004, 6.0), "amber", "6 mm"),
+        ("Removed wall", "icp", removed(0.006, 4.0), "amber", "0.6%"),
         ("Volume change", "level_set", {"validity": {"volume_change": None}}, "none", "open"),
         ("Share of outliers", "icp", {"facts": {"outlier_fraction": 0.3}}, "amber", "30%"),
     ],
@@ -99,6 +98,18 @@ def test_what_must_be_looked_at_is_amber_or_red(
     kind, word, text = strip_of(edited(run, tmp_path / "b", estimate, **changes))[name]
     assert (kind, word) == (grade, WORDS[grade])  # type: ignore[index]
     assert said in text
+
+
+def test_wall_that_a_template_lost_is_said_and_is_no_doubt(run: Path, tmp_path: Path) -> None:
+    subject = read_subject([edited(run, tmp_path / "b", "icp", **removed(0.06, 12.0))])
+    found = {}
+    for whose in ("patient", "template"):
+        runs = [replace(one, case=replace(one.case, prior_of=whose)) for one in subject.runs]
+        of_it = {name: replace(one, run=runs[0]) for name, one in subject.results.items()}
+        checked = checks(replace(subject, runs=runs, results=of_it))
+        found[whose] = next(one for one in checked if one.name == "Removed wall")
+    assert [one.grade for one in found.values()] == ["amber", "good"]
+    assert "6.0% of the wall was removed, up to 12 mm" in found["template"].said
 
 
 def test_an_earlier_stage_that_did_not_converge_is_amber(run: Path, tmp_path: Path) -> None:

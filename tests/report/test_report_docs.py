@@ -77,7 +77,7 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
     "Share of outliers": ("_check_outliers", (f"more than {100 * module.MANY_OUTLIERS:g} %",)),
-    "Removed wall": ("removed_wall", (f"{100 * wall.REMOVED:g} % of the wall", f"{wall.TUBE:g} mm")),
+    "Removed wall": ("removed_wall", (f"{100 * wall.REMOVED:g} % of the wall",)),
     "Prior-only area": ("prior_only", (f"more than {100 * wall.HALF:g} %", f"over {REACH:g} mm")),
     "Farthest part": ("farthest", (f"{100 * wall.FAR_SHARE:g} %", f"beyond {wall.FAR_REACH:g} mm")),
     "Volume change": ("volume", (f"{100 * wall.LARGE_CHANGE:.0f} %",)),
