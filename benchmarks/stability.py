@@ -1,6 +1,6 @@
 """How much a result hangs on what should not matter: python -m benchmarks.stability FOLDER... --records FILE
 
-    python -m benchmarks.stability cases/judge --records stability.jsonl
+    python -m benchmarks.stability cases/judge --records stability.jsonl --every 7
     python -m benchmarks.stability --table stability.jsonl
 
 Each case is fitted by the default pipeline without folds, and again
@@ -170,6 +170,7 @@ def main() -> None:
         "--records", type=Path, help="file to which each run is written; those there are kept"
     )
     parser.add_argument("--table", type=Path, help="print the table of records, and run nothing")
+    parser.add_argument("--every", type=int, default=1, help="only each so-many-th case")
     parser.add_argument("--seed", type=int, default=0, help="of the moves and of what is left out")
     given = parser.parse_args()
     path = given.table or given.records
@@ -177,7 +178,8 @@ def main() -> None:
     records = [json.loads(line) for line in lines]
     if not given.table:
         there = {record["case"] for record in records}
-        for k, listed in enumerate(one for one in find(given.folders) if one.name not in there):
+        asked = find(given.folders)[:: given.every]
+        for k, listed in enumerate(one for one in asked if one.name not in there):
             own = list(repeated(listed, given.seed))
             records += own
             worst = max((one["apart"] for one in own if "apart" in one), default=np.nan)
