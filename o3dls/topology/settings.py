@@ -80,7 +80,7 @@ class TubeSettings:
         0.5, "radii", "radius of the ball that finds thin parts of the prior, from which tubes stay away"
     )
     large: float = number(4.4, "squared radii", "area of new wall that few veins add: a third of a ball")
-    largest: float = number(9.0, "squared radii", "area of new wall that no vein adds: two thirds of a ball")
+    widest: float = number(0.6, "radii", "radius that no vein or appendage has: those added had up to 0.38")
     others: float = number(
         0.2, "1", "far points around a large tube over those on it, above which the tube is a chamber"
     )

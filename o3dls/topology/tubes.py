@@ -107,18 +107,18 @@ def _exposed_area(wall: Wall, region: tuple[Array, Ints], feet: Ints) -> float:
 def _of_a_chamber(
     measured: Measured, tube: Array, exposed: float, radius: float, settings: TubeSettings
 ) -> bool:
-    """Return whether a tube of so much new wall is a part of another chamber: too large for a vein, or large
-    with far points around it too.
+    """Return whether a tube of so much new wall is a part of another chamber: too wide for a vein at an end,
+    or large with far points around it too.
     """
-    area = exposed / radius ** (measured.points.shape[1] - 1)
+    dimension = measured.points.shape[1]
+    area = exposed / radius ** (dimension - 1)
+    wide = float(np.exp(tube[2 * dimension : 2 * dimension + 2].max())) > settings.widest * radius
     reach = settings.far * measured.likelihood.sigma
     off = cone(measured.points, tube)
     on = np.abs(off) < reach
     around = (off > reach) & (off < radius)
     far = _are_far(measured, settings)
-    return area > settings.largest or (
-        area > settings.large and bool((far & around).sum() > settings.others * (far & on).sum())
-    )
+    return wide or (area > settings.large and bool((far & around).sum() > settings.others * (far & on).sum()))
 
 
 def _thin_parts(surface: Surface, settings: TopologySettings) -> list[Array]:
