@@ -106,10 +106,15 @@ def _is_behind(part: Part, subject: Subject) -> bool:
 
 def _describe_gain(parts: Sequence[Part], unit: str) -> str:
     """Describe the gain on that of the parts on which the last estimate does least well."""
-    least = max((one.gain for one in parts if one.gain), key=lambda gain: gain.mean)
+    least, where = max(((one.gain, one.short) for one in parts if one.gain), key=lambda one: one[0].mean)
     if not least.clear and least.mean <= FARTHER:
         return "no significant difference"
-    return f"{'closer' if least.mean < 0 else 'farther'} by {abs(least.mean):.2f} {unit}"
+    # a reader knows the mean of the whole wall, which may say the opposite
+    return (
+        f"closer by {-least.mean:.2f} {unit}"
+        if least.mean < 0
+        else f"farther by {least.mean:.2f} {unit}, {where}"
+    )
 
 
 def _check_landmarks(subject: Subject) -> Check:

@@ -34,6 +34,11 @@ class Part:
     gain: Difference | None
 
     @property
+    def short(self) -> str:
+        """Its name where there is little room."""
+        return "unmapped wall" if self.name == PRIOR_ONLY else self.name
+
+    @property
     def worse(self) -> bool:
         """Whether the baseline is clearly closer here."""
         return self.gain is not None and self.gain.clear and self.gain.mean > 0

@@ -111,7 +111,7 @@ def test_a_region_that_points_contradict_is_named_before_one_without_points(
     assert one.distance > 5.0
     told = said(subject)["Do not rely on"]
     first = f"ostium RIPV ({one.distance:.1f} mm at {one.count} left-out points)"
-    assert told == f"{first}, appendage (no points, 1.6 mm by the model)."
+    assert told == f"{first}; appendage (no points, 1.6 mm by the model)."
     bad = Check("Far points", "bad", "far", "far")
     assert said(subject, bad)["Do not rely on"] == "the whole surface: a check failed."
     assert doubts_module.doubted_regions(subject, [bad]) == []

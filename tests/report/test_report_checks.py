@@ -352,6 +352,8 @@ def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
     assert "CHECK</strong> Look at this before you use the surface: c: 9 mm. </p>" in overall(
         [ok, amber, none], []
     )
+    limited = replace(amber, limit="up to 5 mm")
+    assert "surface: c: 9 mm (OK up to 5 mm). </p>" in overall([ok, limited], [])
     said = overall([amber, red], [])
     assert "FAIL</strong> Do not use the surface before you know why: d: not valid: a fold; c: 9 mm. " in said
 

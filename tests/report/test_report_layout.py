@@ -66,7 +66,7 @@ def test_pictures_and_verdict_are_in_the_first_screen(
     for what in ("h1", ".notice", ".overall", ".answers dd", *([".strip li"] if size == WIDE else [])):
         assert min(shown(visit, what)) == 1, what
     said = visit.page.locator(".overall").inner_text()
-    assert said.startswith("CHECK Look at this before you use the surface: Converged: 1 stage; ")
+    assert said.startswith("CHECK Look at this before you use the surface: Converged: 1 stage (OK up to ")
     assert ". 1 note: icp: the rotation about the long axis" in said
     assert said.endswith(".")  # whole, not cut in the middle
     visit.page.close()

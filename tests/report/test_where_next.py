@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from scipy.spatial import cKDTree
 
 from o3dls import Case, Deform, InputError, Pipeline, Points
 from o3dls.cli.commands import cli
-from o3dls.evaluation.regions import valve_of
+from o3dls.evaluation.regions import REGIONS, openings, valve_of
 from o3dls.report.drawing.scene import scene
 from o3dls.report.expected import FEWEST
 from o3dls.report.mapping.advice import shown_advice
@@ -168,6 +169,18 @@ def test_no_place_is_in_the_valve_that_a_landmark_names(subject: Subject) -> Non
     valve = valve_of(estimate.surface, {"MV": first})
     assert places
     assert not any(valve[one.vertex] for one in places)
+
+
+def test_a_named_vein_without_a_point_has_a_place(subject: Subject) -> None:
+    """Though the posterior would ask for none: what nobody saw may be anywhere."""
+    case, estimate = subject.case, subject.last.estimate
+    of = openings(estimate.surface, landmarks_in_map(subject))
+    vein = REGIONS.index("LIPV")
+    inside = of[cKDTree(estimate.surface.vertices).query(case.points.xyz)[1]] == vein
+    left = replace(case, points=case.points.select(~inside | (case.points.type == "landmark")))
+    for one, expected in ((case, False), (left, True)):
+        places = advised(one, estimate, 9).places
+        assert any(of[place.vertex] == vein for place in places) == expected
 
 
 def with_mark(points: Points, name: str, at: Any) -> Points:

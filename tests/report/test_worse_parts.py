@@ -58,8 +58,9 @@ def test_the_worst_three_are_named_and_the_others_counted(run: Path, monkeypatch
     assert text.index("(9.0 mm by") < text.index("(8.0 mm by") < text.index("(7.0 mm by")
     assert text.endswith(" and 2 more; the 7% of the wall without points (hatched).")
     doubts = doubts_module.doubted_regions(subject, [])[:3]
+    assert text.index("place A, ") < text.index("(9.0 mm by") < text.index("; place B, ")
     labels = [one["name"] for one in scene(subject, doubts)["doubts"]]
-    assert labels == ["9.0 mm", "8.0 mm", "7.0 mm"]  # a picture's label is found in the words
+    assert labels == ["A: 9.0 mm", "B: 8.0 mm", "C: 7.0 mm"]  # a picture's label is found in the words
 
 
 def test_in_2d_no_part_is_named(tmp_path: Path) -> None:
@@ -122,5 +123,5 @@ def test_without_landmarks_a_doubt_is_named_by_its_letter_in_the_pictures(
     parts = [WorsePart(place, error) for place, error in zip(places, (7.0, 6.0), strict=True)]
     monkeypatch.setattr(doubts_module, "worse_parts", lambda _: parts)
     doubts = doubted_regions(subject, [])
-    assert [one.name for one in doubts] == ["place A in the pictures", "place B in the pictures"]
+    assert [one.name for one in doubts] == ["place A", "place B"]
     assert [one["name"] for one in scene(subject, doubts)["doubts"]] == ["A: 7.0 mm", "B: 6.0 mm"]

@@ -107,7 +107,7 @@ const counted = (n) => `${n} point${n === 1 ? "" : "s"}`;
 function listNext(places, ended) {
   session.next = places;
   byId("next-list").replaceChildren(...places.map(({ xyz, where, before, after, gain }) => {
-    const at = xyz.map((one) => one.toFixed(0)).join(", ");
+    const at = xyz.map((one) => Math.round(one) + 0).join(", ");
     return item(`${where ? `${where} (${at})` : `at ${at}`}: expected error of the wall ${before.toFixed(3)} → ${after.toFixed(3)} mm, ${(100 * gain).toFixed(0)} % of its variance`);
   }));
   write("next-ended", ended ?? "");

@@ -80,7 +80,7 @@ def _list_grades(entries: Sequence[Entry]) -> Html | None:
     items = [
         tag("li", tag("b", f"{one.name} {WORDS[one.grade]}"), f": {'; '.join(one.doubts)}") for one in found
     ]
-    title = f"{_write_count(len(found), 'run')} to look at before they are relied on"
+    title = f"{_write_count(len(found), 'run')} to look at before use"
     more = (
         tag("details", tag("summary", title), tag("ul", *items), open=len(items) <= MOST_NAMED)
         if items

@@ -69,14 +69,11 @@ def _worse(subject: Subject, surface: Surface, of: Ints | None) -> list[Doubt]:
 
 
 def _name_part(subject: Subject, k: int, part: WorsePart, region: int | None) -> Doubt:
-    """Name the part with number k by region and landmarks; without landmarks, by a letter in the pictures."""
-    inside = "" if region is None else word(region)
-    beside, label = describe_place(subject, part.place), f"{part.error:.1f} {subject.unit}"
-    said = f"{label} by the model"
-    if not beside:
-        letter = chr(ord("A") + k)
-        beside, label = f"place {letter} in the pictures", f"{letter}: {label}"
-    return Doubt(", ".join(filter(None, [inside, beside])), said, part.place, label, inside)
+    """Name the part with number k by its letter in the pictures, its region and its landmarks."""
+    letter, inside = chr(ord("A") + k), "" if region is None else word(region)
+    where = ", ".join(filter(None, [f"place {letter}", inside, describe_place(subject, part.place)]))
+    error = f"{part.error:.1f} {subject.unit}"
+    return Doubt(where, f"{error} by the model", part.place, f"{letter}: {error}", inside)
 
 
 def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doubt]:

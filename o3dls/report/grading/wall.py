@@ -98,7 +98,7 @@ def farthest(subject: Subject) -> Check:
         said = f"no wall is farther than {FAR_REACH:g} mm from a point"
         return Check(name, "good", said, f"{found.reach:.0f} mm from a point", NEAR)
     grade: Grade = "amber" if found.share >= FAR_SHARE else "good"
-    short = f"{found.share:.0%} of the wall, to {found.reach:.0f} mm from a point"
+    short = f"{found.share:.0%} of the wall, up to {found.reach:.0f} mm from any point"
     return Check(name, grade, said, short, NEAR)
 
 

@@ -51,7 +51,7 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
     """Give the error of a part: of what unseen points measure and what the model expects, neither may hide
     the other. Wall without points has few points to measure by, so there the model speaks.
     """
-    name = "unmapped wall" if part.name == PRIOR_ONLY else part.name
+    name = part.short
     measured, expected = (None if part.n == 0 else part.found), part.expected
     if part.name == PRIOR_ONLY and expected is not None:
         measured = None
@@ -89,7 +89,7 @@ def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
     if worst_grade(found) == "bad":
         return "the whole surface: a check failed"
     doubts = doubted_regions(subject, found)
-    named = ", ".join(f"{one.name} ({one.said})" for one in doubts[:NAMED])
+    named = "; ".join(f"{one.name} ({one.said})" for one in doubts[:NAMED])
     more = f" and {len(doubts) - NAMED} more" if len(doubts) > NAMED else ""
     share = 0.0 if any(one.unmapped for one in doubts) else subject.unmapped or 0.0
     rest = f"the {share:.0%} of the wall without points (hatched)" if share >= SMALLEST_SHARE else ""

@@ -26,7 +26,7 @@ LETTERS = 110  # two lines on a telephone, from which on no further remark stand
 def overall(found: Sequence[Check], told: Sequence[Remark]) -> Html:
     """Show the worst grade of the checks, which of them have it, and the first remarks."""
     raised, grade = doubtful(found), worst_grade(found)
-    said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised if one.name != WARNINGS)
+    said = "; ".join(map(_shorten_check, (one for one in raised if one.name != WARNINGS)))
     rests_on = said if raised else _count_passed(found)
     return tag(
         "p",
@@ -35,6 +35,11 @@ def overall(found: Sequence[Check], told: Sequence[Remark]) -> Html:
         _begin_remarks(told),
         class_=f"overall {grade}",
     )
+
+
+def _shorten_check(one: Check) -> str:
+    limit = f" ({WORDS['good']} {one.limit})" if one.limit else ""
+    return f"{one.name}: {one.short or one.said}{limit}"
 
 
 def _count_passed(found: Sequence[Check]) -> str:
