@@ -314,7 +314,7 @@ def test_landmarks_of_another_person_may_all_lie_off(
     assert found["Landmarks"].grade == grade
 
 
-@pytest.mark.parametrize(("far", "grade"), [(19.0, "good"), (25.0, "amber")])
+@pytest.mark.parametrize(("far", "grade"), [(24.0, "good"), (26.0, "amber")])
 def test_a_connected_part_that_reaches_far_from_all_points_is_looked_at(
     run: Path, far: float, grade: str
 ) -> None:
