@@ -172,7 +172,7 @@ def test_the_slope_of_the_likelihood_is_that_of_its_value() -> None:
     seen = make_features(harmonics, harmonics.values[rows])
     rng = np.random.default_rng(3_317)
     logs = np.append(np.log(learning.BEGIN), 0.1 * rng.normal(size=seen.local.shape[1]))
-    likely = learning._Likelihood(seen, times[:60] / 30.0, 0.0 * logs, np.ones(len(logs)))
+    likely = learning.Likelihood(seen, times[:60] / 30.0, 0.0 * logs, np.ones(len(logs)))
     trust = rng.uniform(0.5, 1.0, 60)
     slope = likely(logs, trust)[1]
     for k in (0, 1, 2, 5, 40):

@@ -70,7 +70,7 @@ def learn_process(
     logs = np.append(start, np.zeros(seen.local.shape[1]))
     width = np.append(may, np.ones(len(logs) - 3))
     found = Process(scale, logs, np.ones(len(times)))
-    likely = _Likelihood(seen, times / scale, logs, width)
+    likely = Likelihood(seen, times / scale, logs, width)
     wrong = WRONG[1]
     for _ in range(ROUNDS):
         how: Any = {"jac": True, "method": "L-BFGS-B", "options": {"maxiter": STEPS, "ftol": 1e-6}}
@@ -98,7 +98,7 @@ def leave_out(seen: Features, times: Array, process: Process) -> tuple[Array, Ar
 
 
 @dataclass(frozen=True, eq=False)
-class _Likelihood:
+class Likelihood:
     """What times (k,) in scales say against a process, with its slope; `logs` are what it is before."""
 
     seen: Features
