@@ -64,6 +64,9 @@ CHOICE, SIDECAR, LIVE = (
 FEWEST_LETTERS = 14  # of words that may stand anywhere in a sentence
 # words of a sentence: the test that provokes it, does what it says, and sees that the command then succeeds
 FOLLOWED = {
+    "give its cycle length, --cycle": (
+        "report/test_activation_command.py::test_early_beside_late_is_said_and_taken_in_with_a_cycle"
+    ),
     # commands
     "parts of the cases, and then `o3dls cohort`": "cli/test_cli.py::"
     "test_a_batch_goes_on_and_its_parts_give_the_table_of_the_whole",

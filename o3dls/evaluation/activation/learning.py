@@ -99,7 +99,9 @@ def leave_out(seen: Features, times: Array, process: Process) -> tuple[Array, Ar
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """What times (k,) in scales say against a process, with its slope; `logs` are what it is before."""
+    """A likelihood has times (k,) in scales, seen by features; called, it says how much they speak against a
+    process, with the slope of that. logs are what the process is before, and width how far it may be off.
+    """
 
     seen: Features
     times: Array
