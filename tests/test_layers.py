@@ -69,7 +69,7 @@ ROOMS = {
         "mapping/",
         "scenes/",
     ),
-    "evaluation": (".", "measures/", "changes/", "segments/"),
+    "evaluation": (".", "measures/", "activation/", "changes/", "segments/"),
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (

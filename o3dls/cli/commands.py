@@ -61,7 +61,7 @@ def _report_failure(sentence: str, code: int) -> int:
 TASKS = {
     "From a case to a run": ("demo", "app", "init", "import", "check", "run", "batch"),
     "Look at runs": ("report", "view", "slices", "wall", "next", "compare", "cohort"),
-    "Numbers of a surface": ("measure", "segments", "change"),
+    "Numbers of a surface": ("measure", "segments", "change", "activation"),
     "While a map is being taken": ("live", "send"),
     "Files for other programs": ("convert", "export", "carry"),
     "About the program": ("stages", "settings", "names", "schema", "doctor", "paper"),

@@ -1,4 +1,4 @@
-"""Commands that compute numbers of finished runs: measure, segments, change, next."""
+"""Commands that compute numbers of finished runs: measure, segments, change, activation, next."""
 
 from __future__ import annotations
 
@@ -78,6 +78,34 @@ def change(before: Path, after: Path, out: Path | None, as_json: bool, **options
     if out:
         change_files.write_change(out, found)
     say_lines((change_files.as_json if as_json else change_files.as_text)(found))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--cycle",
+    type=float,
+    metavar="MS",
+    help="cycle length, where the wave goes round and round; default: it starts",
+)
+@click.option("--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of the surface")
+@click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
+@click.option("--out", type=FOLDER, help="folder to make: the table, and the surface with its times")
+@as_json
+def activation(run_folder: Path, out: Path | None, as_json: bool, **options: object) -> None:
+    """Map the activation of the last surface of a run by the times of its points (column lat): when the wave
+    comes by, how fast and which way it goes, each with its 95 % interval.
+    """
+    from ..io.atomic import check_free
+    from ..report.mapping import activation as mapping
+    from ..report.mapping import activation_files
+
+    if out:
+        check_free(out, force=False)
+    found = mapping.activation_of(run_folder, **options)  # type: ignore[arg-type]
+    if out:
+        activation_files.write_activation(out, found)
+    say_lines((activation_files.as_json if as_json else activation_files.as_text)(found))
 
 
 @click.command("next")

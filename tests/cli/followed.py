@@ -66,6 +66,9 @@ FEWEST_LETTERS = 14  # of words that may stand anywhere in a sentence
 FOLLOWED = {
     "--on and --out go with --mean": "report/test_mean_command.py::"
     "test_it_is_laid_on_the_atrium_that_is_named",
+    "give its cycle length, --cycle": (
+        "report/test_activation_command.py::test_early_beside_late_is_said_and_taken_in_with_a_cycle"
+    ),
     # commands
     "parts of the cases, and then `o3dls cohort`": "cli/test_cli.py::"
     "test_a_batch_goes_on_and_its_parts_give_the_table_of_the_whole",

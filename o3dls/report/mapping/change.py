@@ -15,12 +15,12 @@ from ...evaluation.changes.regions import ChangedRegion
 from ...evaluation.changes.shape_change import ShapeChange, compare_shapes
 from ...evaluation.changes.value_change import ValueChange, compare_values
 from ...evaluation.electrical import ELECTRICAL, measured_values
-from ...evaluation.measures.intervals import LEVEL
 from ...evaluation.measures.numbers import CM2, ML
 from ...evaluation.regions import REGIONS, valve_of, word
 from ...geometry.surface import Surface
 from ..subject import Subject, read_subject
 from .one_anatomy import InMap, bring_together
+from .row_table import interval_of
 from .wall_regions import landmarks_in_map, wall_regions
 
 SAMPLES, SEED = 200, 0
@@ -140,14 +140,14 @@ def _rows_of_values(subject: Subject, surface: Surface, values: ValueChange, col
     ]
     sampled = np.sum([one.areas for one in values.regions], axis=0) if values.regions else np.zeros(1)
     whole = float(sum(one.area for one in values.regions))
-    rows.append(Row("area changed", "wall", "cm²", whole / CM2, *_interval(sampled / CM2)))
+    rows.append(Row("area changed", "wall", "cm²", whole / CM2, *interval_of(sampled / CM2)))
     regions = wall_regions(subject, surface) if values.regions else None
     for k, one in enumerate(values.regions, 1):
         where = f"change {k}"
         if regions is not None:
             most = np.bincount(regions[one.inside], area[one.inside], len(REGIONS)).argmax()
             where += f", {word(int(most))}"
-        rows.append(Row("area", where, "cm²", one.area / CM2, *_interval(one.areas / CM2)))
+        rows.append(Row("area", where, "cm²", one.area / CM2, *interval_of(one.areas / CM2)))
         rows += _rows_of_region(one, values, where, column)
     return rows
 
@@ -157,17 +157,14 @@ def _rows_of_region(one: ChangedRegion, values: ValueChange, where: str, column:
     unit, ratio = ELECTRICAL[column], column in RATIOS
     seen = values.before[one.inside]
     before = float(np.exp(np.log(seen).mean()) if ratio else seen.mean())
-    change, low, high = (before * np.expm1(x) if ratio else x for x in (one.change, *_interval(one.changes)))
+    change, low, high = (
+        before * np.expm1(x) if ratio else x for x in (one.change, *interval_of(one.changes))
+    )
     return [
         Row(f"{column} before", where, unit, before),
         Row(f"{column} after", where, unit, before + change),
         Row(f"change of {column}", where, unit, change, low, high),
     ]
-
-
-def _interval(drawn: Array) -> tuple[float, float]:
-    low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-    return float(low), float(high)
 
 
 def _rows_of_shape(surface: Surface, shape: ShapeChange | None) -> list[Row]:
@@ -192,7 +189,7 @@ def _volume_row(subjects: Sequence[Subject], samples: int, seed: int) -> Row:
         for k, estimate in enumerate((first, second))
     ]
     naive = (second.surface.volume - first.surface.volume) / ML
-    return Row("change of volume", "wall", "ml", naive, *_interval(drawn[1] - drawn[0]))
+    return Row("change of volume", "wall", "ml", naive, *interval_of(drawn[1] - drawn[0]))
 
 
 def _fields(column: str, values: ValueChange, shape: ShapeChange | None) -> dict[str, Array]:

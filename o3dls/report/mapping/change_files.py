@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from ...io.surfaces import write_surface
 from ...io.table import write_table
 from ...runs.folder import check_not_of_a_run
 from .change import Change, Row
+from .row_table import lay_out_rows, record_rows
 
 COLUMNS = tuple(one.name for one in fields(Row))
 NOTICE = (
@@ -31,25 +32,19 @@ TWO_PRIORS = (
 
 def as_text(found: Change) -> str:
     """Write the change as a table of text, 80 columns wide but for long names."""
-    rows = [list(COLUMNS)]
-    rows += [
-        [row.what, row.where, row.unit, *(_show(x) for x in (row.value, row.low, row.high))]
-        for row in found.rows
-    ]
-    width = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in rows]
+    lines = lay_out_rows(COLUMNS, found.rows)
     before, after = found.names
     return "\n".join([f"{before} to {after}: {found.column}", *lines, *_say_notices(found)])
 
 
 def as_json(found: Change) -> str:
     """Write the change as JSON, a number that is not known as null."""
-    records = [
-        {name: None if isinstance(x, float) and np.isnan(x) else x for name, x in asdict(row).items()}
-        for row in found.rows
-    ]
     about: dict[str, Any] = {"before": found.names[0], "after": found.names[1], "column": found.column}
-    about |= {"priors_apart_mm": found.apart, "notice": " ".join(_say_notices(found)), "changes": records}
+    about |= {
+        "priors_apart_mm": found.apart,
+        "notice": " ".join(_say_notices(found)),
+        "changes": record_rows(found.rows),
+    }
     return json.dumps(about, indent=1, ensure_ascii=False)
 
 
@@ -69,7 +64,3 @@ def write_change(out: Path, found: Change) -> None:
 def _say_notices(found: Change) -> list[str]:
     more = [] if found.apart is None else [line.format(apart=found.apart) for line in TWO_PRIORS]
     return [*more, *NOTICE]
-
-
-def _show(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}"
