@@ -13,7 +13,7 @@ SAFE_PATH = "PYTHONSAFEPATH"  # every Python that is begun while it is set obeys
 
 
 class _SafePath:
-    """This counts who begins processes: of several threads, the last restores what the first has found."""
+    """This has the count of those who begin processes: the last thread restores what the first has found."""
 
     def __init__(self) -> None:
         self.lock = Lock()
