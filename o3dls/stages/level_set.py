@@ -21,6 +21,10 @@ from .level_set_data import GivenPoints, estimate_of, given_points, meshed, with
 if TYPE_CHECKING:
     from ..levelset.result import Result
 
+FINER = (
+    0.5  # of the spacing: a second lattice, where the first changed or lost something of a wall that stays
+)
+
 
 class LevelSet(Stage):
     """Turn the moved prior into a level set phi, reconstruct it where the points ask for it, and mesh its
@@ -57,11 +61,19 @@ class LevelSet(Stage):
         given = given_points(case, start) if case.dimension == 3 else None
         asked = given is not None and self.reconstruct
         reached = self._reconstruct_wall(case, start, given) if given and asked else None
-        reached = reached or self._moved_prior(case, start.surface, asked=asked)
-        reached, mesh = meshed(reached, self.spacing, self.smoothing, self.keep)
-        check_mesh(mesh.surface, reached.wall, self.spacing, self.keep, case.units)
-        warnings = [*start.warnings, *reached.warnings, *reached.faults(mesh.surface, crossing)]
-        warnings += lost_parts(mesh.surface, reached.wall, self.spacing, case.units)
+        spacing, keep = self.spacing, self.keep
+        reached = reached or self._moved_prior(case, start.surface, spacing, asked=asked)
+        reached, mesh = meshed(reached, spacing, self.smoothing, keep)
+        faults = reached.faults(mesh.surface, crossing)
+        if faults and reached.unchanged and not spacing_mistake(FINER * spacing, start.surface, case.units):
+            # walls are closer than the lattice tells apart: a finer one, of which as many faces are kept
+            spacing, keep = FINER * spacing, FINER**2 * keep
+            reached = self._moved_prior(case, start.surface, spacing, asked=asked)
+            reached, mesh = meshed(reached, spacing, self.smoothing, keep)
+            faults = reached.faults(mesh.surface, crossing)
+        check_mesh(mesh.surface, reached.wall, spacing, keep, case.units)
+        warnings = [*start.warnings, *reached.warnings, *faults]
+        warnings += lost_parts(mesh.surface, reached.wall, spacing, case.units)
         found = replace(estimate_of(start, reached, mesh), warnings=tuple(warnings))
         return _complete_estimate(found, start, reached, given)
 
@@ -72,7 +84,7 @@ class LevelSet(Stage):
 
         return reconstructed(start.surface, given.believed, case.units, self.spacing, isosurface)
 
-    def _moved_prior(self, case: Case, surface: Surface, *, asked: bool) -> Result:
+    def _moved_prior(self, case: Case, surface: Surface, spacing: float, *, asked: bool) -> Result:
         """Return the level set of the moved prior; asked: whether the points were asked for another wall."""
         from ..adapters.meshing import isosurface
         from ..adapters.self_intersections import crossing
@@ -82,7 +94,7 @@ class LevelSet(Stage):
         from ..levelset.result import Result
 
         surface = uncrossed(surface) if case.dimension == 2 else surface
-        phi, warnings = whole_level_set(surface, self.spacing, case.units, mesh=isosurface, crossing=crossing)
+        phi, warnings = whole_level_set(surface, spacing, case.units, mesh=isosurface, crossing=crossing)
         pieces, _ = components_and_euler(surface.vertices, surface.faces)
         why = "the points ask for no other wall" if asked else "no reconstruction was asked for"
         why = "outlines in the plane are not reconstructed" if case.dimension == 2 else why

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 from starts import started
 
@@ -22,6 +24,7 @@ from o3dls.run_warning import RunWarning
 from o3dls.stages.level_set import LevelSet
 from o3dls.stages.level_set_checks import check_mesh
 from o3dls.stages.level_set_data import given_points
+from o3dls.stages.level_set_data import meshed as of_lattice
 
 SEED = 264_575
 
@@ -45,6 +48,33 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.surface.fields["sd_mm"] == pytest.approx(1.0)
     assert found.facts["changes"] == []
     assert found.phi.band.spacing == 1.0
+
+
+def test_a_wall_whose_topology_the_lattice_changed_is_meshed_by_a_finer_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Walls that a lattice of 1 mm joins have shapes of patients: here it is told to give a torus."""
+    prior = meshed(ball_with_tube, 34.0)
+    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
+    plain = LevelSet()(case, start)
+    torus = trimesh.creation.torus(16.0, 5.0)
+    spacings = []
+
+    def joined(reached: Any, spacing: float, *how: Any) -> Any:
+        spacings.append(spacing)
+        reached, mesh = of_lattice(reached, spacing, *how)
+        wrong = replace(mesh, surface=Surface(torus.vertices, torus.faces))
+        return reached, wrong if spacing == 1.0 else mesh
+
+    with monkeypatch.context() as told:
+        told.setattr("o3dls.stages.level_set.meshed", joined)
+        found = LevelSet()(case, start)
+    assert spacings == [1.0, 0.5]
+    assert found.phi.band.spacing == 0.5
+    assert found.warnings == ()
+    assert components_and_euler(found.surface.vertices, found.surface.faces) == (1, 2)
+    assert len(found.surface.faces) == pytest.approx(len(plain.surface.faces), rel=0.1)
+    assert distances(found.surface.vertices, prior).max() < 0.3
 
 
 def test_a_motion_that_has_not_converged_leaves_a_level_set_that_has_not() -> None:
@@ -156,7 +186,7 @@ def test_halved_spacing_is_no_worse() -> None:
 def test_phi_is_a_distance_where_walls_were_made_whole_too(monkeypatch: pytest.MonkeyPatch) -> None:
     prior = meshed(round_distance(14.0), 18.0)
     case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5, fitted=False)
-    reached = LevelSet()._moved_prior(case, start.surface, asked=True)
+    reached = LevelSet()._moved_prior(case, start.surface, 1.0, asked=True)
     repaired = RunWarning("thin-gap-repaired", "islands were removed")
     cut = replace(reached, phi=replace(reached.phi, phi=3.0 * reached.phi.phi), warnings=(repaired,))
     monkeypatch.setattr(LevelSet, "_moved_prior", lambda *_, **__: cut)
