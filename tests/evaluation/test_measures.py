@@ -18,6 +18,7 @@ from o3dls.evaluation.measures.numbers import (
     share_below,
     slopes,
 )
+from o3dls.evaluation.measures.ways import shortest_ways
 from o3dls.evaluation.regions import tubes
 from o3dls.geometry.surface import Surface
 from o3dls.geometry.twist import rotation
@@ -64,6 +65,35 @@ def test_a_section_does_not_depend_on_what_lies_beyond_it() -> None:
     for one, value in measure_surface(BALL.with_vertices(pulled), parts).items():
         if one.what.startswith("section"):
             assert value == pytest.approx(measure_surface(BALL, parts)[one])
+
+
+def test_ways_lead_along_the_wall_and_are_hardly_longer_than_great_circles() -> None:
+    n = len(BALL.vertices)
+    ends = {"a": 3, "b": n // 2, "c": n - 5}
+    ways = shortest_ways(BALL, np.ones(n, dtype=bool), ends)
+    assert list(ways) == [("a", "b"), ("a", "c"), ("b", "c")]
+    found = measure_surface(BALL, Parts({}, ways=ways))
+    for (a, b), way in ways.items():
+        assert (way[0], way[-1]) == (ends[a], ends[b])
+        one, other = (BALL.vertices[ends[name]] / RADIUS for name in (a, b))
+        circle = RADIUS * np.arccos(one @ other)
+        length = found[Quantity("length", f"{a} to {b}", "mm")]
+        assert 0.99 * circle < length < 1.05 * circle
+    larger = measure_surface(BALL.with_vertices(1.5 * BALL.vertices), Parts({}, ways=ways))
+    assert larger[Quantity("length", "a to b", "mm")] == pytest.approx(
+        1.5 * found[Quantity("length", "a to b", "mm")]
+    )
+
+
+def test_a_way_goes_round_what_is_no_wall_and_there_is_none_to_an_island() -> None:
+    x, y = BALL.vertices[:, 0], BALL.vertices[:, 1]
+    ends = {"a": int(np.argmax(x + 0.3 * y)), "b": int(np.argmax(-x + 0.3 * y))}
+    top = y < 0.8 * RADIUS
+    free = shortest_ways(BALL, np.ones(len(x), dtype=bool), ends)["a", "b"]
+    assert (~top)[free].any()
+    round_it = shortest_ways(BALL, top, ends)["a", "b"]
+    assert top[round_it].all()
+    assert shortest_ways(BALL, np.abs(x) > 0.3 * RADIUS, ends) == {}
 
 
 def test_area_below_a_threshold_is_counted_where_there_is_wall_and_a_value() -> None:

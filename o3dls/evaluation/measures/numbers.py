@@ -29,12 +29,14 @@ class Quantity(NamedTuple):
 class Parts:
     """Parts say what is measured on a surface of n vertices: `regions` of the wall by name, each the vertices
     (n,) in it; `tubes` by name, each the vertices (n,) beyond a section of it; `places` by name, each the
-    vertex that it goes with and its offset (3,) from that; and below which of its `thresholds` a field lies.
+    vertex that it goes with and its offset (3,) from that; `ways` between two of these, each the vertices
+    (k,) that it leads along; and below which of its `thresholds` a field lies.
     """
 
     regions: Mapping[str, Mask]
     tubes: Mapping[str, Mask] = field(default_factory=dict)
     places: Mapping[str, tuple[int, Array]] = field(default_factory=dict)
+    ways: Mapping[tuple[str, str], Ints] = field(default_factory=dict)
     thresholds: tuple[float, ...] = ()
     unit: str = "mV"
 
@@ -44,7 +46,7 @@ def measure_surface(
 ) -> dict[Quantity, float]:
     """Return what is measured on a surface in mm: its volume (ml), areas of regions (cm²) where there is wall
     (exists (n,)), with what of them has values (n,) below the thresholds; areas (cm²) and diameters (mm) of
-    the sections of tubes; straight distances (mm) of places.
+    the sections of tubes; straight distances (mm) of places, and lengths (mm) of ways along the wall.
 
     The section of a tube is spanned by the border of its vertices: its area is the length of the sum of the
     area vectors of the faces beyond, which depends on the border alone (Stokes); its diameter is that of the
@@ -69,6 +71,9 @@ def measure_surface(
     at = {name: surface.vertices[vertex] + offset for name, (vertex, offset) in parts.places.items()}
     for a, b in combinations(at, 2):
         found[Quantity("distance", f"{a} to {b}", "mm")] = float(np.linalg.norm(at[a] - at[b]))
+    for (a, b), way in parts.ways.items():
+        steps = np.diff(surface.vertices[way], axis=0)
+        found[Quantity("length", f"{a} to {b}", "mm")] = float(np.linalg.norm(steps, axis=1).sum())
     return found
 
 

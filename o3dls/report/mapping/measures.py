@@ -14,6 +14,7 @@ from ...evaluation.distances import moved
 from ...evaluation.electrical import ELECTRICAL
 from ...evaluation.measures.intervals import Measure, measure_samples
 from ...evaluation.measures.numbers import Parts, named_parts, places_on
+from ...evaluation.measures.ways import shortest_ways
 from ...evaluation.regions import REGIONS, tubes, valve_of, word
 from ...io.table import write_table
 from ...runs.folder import check_not_of_a_run
@@ -38,7 +39,7 @@ def measure_run(
     below: Sequence[float] = (),
 ) -> tuple[Subject, list[Measure]]:
     """Measure the last surface of a finished run: volume, areas by region and below thresholds of a column
-    where the map has it, sections of veins, distances of named places.
+    where the map has it, sections of veins, distances of named places and lengths along the wall.
 
     Raises InputError where the run is in 2D or in pixels, or has no posterior in space.
     """
@@ -54,10 +55,12 @@ def measure_run(
     marks = landmarks_in_map(subject)
     wall = ~valve_of(surface, marks)
     names = {k: word(k) for k in range(len(REGIONS))}
+    places = places_on(surface, _carried_landmarks(subject))
     parts = Parts(
         regions=named_parts(wall_regions(subject, surface), names, wall),
         tubes={word(REGIONS.index(name)): inside for name, inside in tubes(surface, marks).items()},
-        places=places_on(surface, _carried_landmarks(subject)),
+        places=places,
+        ways=shortest_ways(surface, wall, {name: vertex for name, (vertex, _) in places.items()}),
         thresholds=tuple(below or (THRESHOLDS if column == "bipolar" else ())),
         unit=ELECTRICAL[column],
     )
