@@ -3,7 +3,7 @@ FOLDER...
 
 Of each case whose true wall has the faces of its prior (phantoms and families of motion), T alone (stage
 `deform`) is measured as `o3dls measure` does: volume, areas of the eight octants of the prior, sections of
-its tubes, straight distances of six places of it, and the share of each octant below the median of a field
+its tubes, straight distances of six places of it and lengths of ways between them, and the share of each octant below the median of a field
 that stays in the map (a wave of 40 mm in each direction). The same vertices are measured on the true wall.
 
 Columns: how many numbers; how many true ones the 95 % intervals hold; the mean error of the naive number over
@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation.measures.intervals import LEVEL, draw_numbers
 from o3dls.evaluation.measures.numbers import Parts, Quantity, measure_surface, places_on
+from o3dls.evaluation.measures.ways import shortest_ways
 from o3dls.geometry.inner_balls import depth_in_tubes
 from o3dls.geometry.spread import spread
 from o3dls.geometry.surface import Surface
@@ -85,7 +87,7 @@ def judge_case(case: Case, estimate: Estimate, judged: dict[str, Judged]) -> Non
     samples = estimate.samples(SAMPLES, SEED)
     # the field's own median on the surface, so that about half of the wall lies below
     values = wave(surface.vertices)
-    parts = Parts(parts.regions, parts.tubes, parts.places, (float(np.median(values)),))
+    parts = replace(parts, thresholds=(float(np.median(values)),))
     true = measure_surface(truth, parts, None, wave(truth.vertices))
     naive = measure_surface(surface, parts, None, values)
     for quantity, drawn in draw_numbers(samples, parts, values).items():
@@ -103,7 +105,14 @@ def parts_of(prior: Surface, surface: Surface) -> Parts:
     octant = (prior.vertices > prior.vertices.mean(axis=0)) @ np.array([1, 2, 4])
     at = spread(prior.vertices, PLACES)
     places = places_on(surface, {str(k): surface.vertices[one] for k, one in enumerate(at)})
-    return Parts({str(k): octant == k for k in range(8) if (octant == k).any()}, _find_tubes(prior), places)
+    return Parts(
+        {str(k): octant == k for k in range(8) if (octant == k).any()},
+        _find_tubes(prior),
+        places,
+        shortest_ways(
+            surface, np.ones(len(octant), dtype=bool), {name: vertex for name, (vertex, _) in places.items()}
+        ),
+    )
 
 
 def _find_tubes(prior: Surface) -> dict[str, Mask]:
