@@ -3,8 +3,9 @@ FOLDER...
 
 Of each case whose true wall has the faces of its prior (phantoms and families of motion), T alone (stage
 `deform`) is measured as `o3dls measure` does: volume, areas of the eight octants of the prior, sections of
-its tubes, straight distances of six places of it and lengths of ways between them, and the share of each octant below the median of a field
-that stays in the map (a wave of 40 mm in each direction). The same vertices are measured on the true wall.
+its tubes, straight distances of six places of it and lengths of ways between them, and the share of each
+octant below the median of a field that stays in the map (a wave of 40 mm in each direction). The same
+vertices are measured on the true wall.
 
 Columns: how many numbers; how many true ones the 95 % intervals hold; the mean error of the naive number over
 the true one, and its rms, in percent (of the share: in points); and the histogram of the truth's rank among
