@@ -133,7 +133,7 @@ def test_head_grades_first_and_says_research_only(page: str) -> None:
         '<ul class="strip"',
         "is closer to the held-out points",
         '<div class="parts"',
-        '<ul class="notes"',
+        'id="notes"',
     )
     assert sorted(heads, key=page.index) == list(heads)
     # once, by all who say it
