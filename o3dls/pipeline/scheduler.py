@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 from collections import Counter
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -32,6 +32,7 @@ POLL = 0.2  # seconds between two looks at what the user wants
 QUIET = 10.0  # seconds without a result after which we look whether there are workers
 # what dask does a hundred times a second for its dashboard, which nobody sees, on cores that the cases need
 QUIETER = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "200ms"}
+SET_BY_DASK = ("PYTHONHASHSEED", "__DASK_PARENT_PID")  # besides what its settings name
 log = logging.getLogger("o3dls")
 T = TypeVar("T")
 
@@ -126,7 +127,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     if not os.environ.get("NUMBA_NUM_THREADS"):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         settings["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
-    with dask.config.set(settings):
+    with dask.config.set(settings), _kept_environment(dask.config.get("distributed.nanny.pre-spawn-environ")):
         with safe_path():
             cluster = LocalCluster(
                 n_workers=workers,
@@ -137,6 +138,22 @@ def _local_cluster(workers: int) -> Iterator[Any]:
             )
         with cluster:
             yield cluster
+
+
+@contextmanager
+def _kept_environment(names: Iterable[str]) -> Iterator[None]:
+    """Restore these variables at the end: dask sets them in this process for good, whenever it begins a
+    worker or begins one again.
+    """
+    before = {name: os.environ.get(name) for name in (*names, *SET_BY_DASK)}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _ignore_interrupts() -> Any:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -245,6 +247,18 @@ def test_a_worker_that_cannot_do_the_cases_is_named_at_once(
         with pytest.raises(InputError, match=r"worker tcp://127.0.0.1:\d+: does not see .*none, where"):
             client.submit(done_here, None, Limits(), lost, None).result()
     assert not (tmp_path / "runs/one").exists()
+
+
+def test_workers_of_our_own_leave_the_environment_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """dask sets variables for its workers in this process, also when it begins one again."""
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    before = dict(os.environ)
+    with client_of("local", 1) as client:
+        (address,) = client.nthreads()
+        (process,) = client.run(os.getpid).values()
+        os.kill(process, signal.SIGKILL)
+        until(lambda: client.nthreads() and address not in client.nthreads())
+    assert dict(os.environ) == before
 
 
 def test_a_scheduler_that_lacks_a_module_is_said_in_a_line(
