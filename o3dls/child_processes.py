@@ -5,7 +5,7 @@ would be run in that module's place, and the folder may be anybody's.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 
@@ -54,3 +54,17 @@ def safe_path() -> Iterator[None]:
 def protect_path() -> None:
     """Do the same for as long as this process lives, which must be one of ours alone."""
     os.environ[SAFE_PATH] = "1"
+
+
+@contextmanager
+def kept_environment(names: Iterable[str]) -> Iterator[None]:
+    """Restore these variables at the end: a library may set them in this process for those that it begins."""
+    before = {name: os.environ.get(name) for name in names}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from threading import Event
 from time import monotonic
 from typing import Any, Generic, TypeVar
 
-from ..child_processes import SAFE_PATH, safe_path
+from ..child_processes import SAFE_PATH, kept_environment, safe_path
 from ..errors import InputError
 from .on_worker import Order, done_here, ordered, released
 from .place import Task
@@ -127,7 +127,10 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     if not os.environ.get("NUMBA_NUM_THREADS"):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         settings["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
-    with dask.config.set(settings), _kept_environment(dask.config.get("distributed.nanny.pre-spawn-environ")):
+    with (
+        dask.config.set(settings),
+        kept_environment((*dask.config.get("distributed.nanny.pre-spawn-environ"), *SET_BY_DASK)),
+    ):
         with safe_path():
             cluster = LocalCluster(
                 n_workers=workers,
@@ -138,22 +141,6 @@ def _local_cluster(workers: int) -> Iterator[Any]:
             )
         with cluster:
             yield cluster
-
-
-@contextmanager
-def _kept_environment(names: Iterable[str]) -> Iterator[None]:
-    """Restore these variables at the end: dask sets them in this process for good, whenever it begins a
-    worker or begins one again.
-    """
-    before = {name: os.environ.get(name) for name in (*names, *SET_BY_DASK)}
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _ignore_interrupts() -> Any:
