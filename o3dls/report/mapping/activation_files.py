@@ -8,14 +8,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-import numpy as np
-
-from ...io.atomic import staged_folder, write_file
-from ...io.surfaces import write_surface
-from ...io.table import write_table
-from ...runs.folder import check_not_of_a_run
 from .activation import Activation, Row
-from .row_table import lay_out_rows, record_rows
+from .row_table import lay_out_rows, record_rows, write_rows
 
 WIDTH = 80
 COLUMNS = tuple(one.name for one in fields(Row))
@@ -48,10 +42,4 @@ def write_activation(out: Path, found: Activation) -> None:
     velocities as fields (surface.ply, surface.vtp). Raises InputError where the folder exists, or is of a
     run.
     """
-    check_not_of_a_run(out)
-    with staged_folder(out) as folder:
-        rows = {name: np.array([getattr(row, name) for row in found.rows]) for name in COLUMNS}
-        write_table(folder / "activation.csv", rows)
-        write_file(folder / "activation.json", as_json(found) + "\n")
-        for name in ("surface.ply", "surface.vtp"):
-            write_surface(folder / name, found.surface, space=found.frame, units="mm")
+    write_rows(out, "activation", found.rows, as_json(found), found.surface, found.frame)

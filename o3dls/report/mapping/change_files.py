@@ -7,14 +7,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ...io.atomic import staged_folder, write_file
-from ...io.surfaces import write_surface
-from ...io.table import write_table
-from ...runs.folder import check_not_of_a_run
 from .change import Change, Row
-from .row_table import lay_out_rows, record_rows
+from .row_table import lay_out_rows, record_rows, write_rows
 
 COLUMNS = tuple(one.name for one in fields(Row))
 NOTICE = (
@@ -52,13 +46,7 @@ def write_change(out: Path, found: Change) -> None:
     """Write a folder with the table (change.csv, change.json), and the prior in the first map with what
     changed as fields (surface.ply, surface.vtp). Raises InputError where the folder exists, or is of a run.
     """
-    check_not_of_a_run(out)
-    with staged_folder(out) as folder:
-        rows = {name: np.array([getattr(row, name) for row in found.rows]) for name in COLUMNS}
-        write_table(folder / "change.csv", rows)
-        write_file(folder / "change.json", as_json(found) + "\n")
-        for name in ("surface.ply", "surface.vtp"):
-            write_surface(folder / name, found.surface, space=found.frame, units="mm")
+    write_rows(out, "change", found.rows, as_json(found), found.surface, found.frame)
 
 
 def _say_notices(found: Change) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from ...evaluation.segments.mean_map import HeartMap, SegmentMean, average_maps,
 from ...geometry.surface import Surface
 from ...io.surfaces import write_surface
 from ..subject import read_subject
+from .row_table import lay_out_rows, record_rows
 from .segments import Divided, divide_run, divide_source
 
 OWN_ZERO = "lat"  # times are counted from a moment that each map chooses
@@ -124,23 +125,18 @@ def write_mean(path: Path, found: Mean) -> list[str]:
 
 def as_text(found: Mean) -> str:
     """Write the segments as a table of text."""
-    rows = [list(COLUMNS)]
-    for one in found.segments:
-        numbers = (one.mean, one.low, one.high, one.spread)
-        shown = ["-" if np.isnan(x) else f"{x:.2f}" for x in numbers]
-        rows.append([str(one.segment), one.name, str(one.hearts), *shown])
-    width = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in rows]
+    lines = lay_out_rows(COLUMNS, found.segments)
     head = f"{found.column} ({found.unit}) of {len(found.hearts)} hearts, on {found.on}"
     return "\n".join([head, *lines, *NOTICE])
 
 
 def as_json(found: Mean) -> str:
     """Write the segments as JSON, a number that is not known as null."""
-    records = [
-        {name: None if isinstance(x, float) and np.isnan(x) else x for name, x in asdict(one).items()}
-        for one in found.segments
-    ]
     about: dict[str, Any] = {"column": found.column, "unit": found.unit, "hearts": found.hearts}
-    about |= {"on": found.on, "notice": " ".join(NOTICE), "left_out": found.left_out, "segments": records}
+    about |= {
+        "on": found.on,
+        "notice": " ".join(NOTICE),
+        "left_out": found.left_out,
+        "segments": record_rows(found.segments),
+    }
     return json.dumps(about, indent=1, ensure_ascii=False)
