@@ -15,16 +15,17 @@ from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import SAMPLES, distances, sample
 from o3dls.evaluation.interpolation import REACH
+from o3dls.evaluation.statistics import BAND_68, BAND_95
 from o3dls.evaluation.validity import validity
 from o3dls.geometry.surface import Surface
 
 Scores = dict[str, float]
 Record = dict[str, Any]
-BAND_68 = 0.994458  # deviations that hold 68 % of a Gaussian
-BAND_95 = 1.959964  # deviations that hold 95 % of a Gaussian
 FLAT_WITHIN = (
     0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
 )
+WORST = 0.01  # of the wall, by area
+QUANTILES = (50, 80, 90, 95, 99)  # percent
 VERTICES = 2000  # vertices that calibration looks at
 SEED = 770_143_905
 # fields of a true surface, as data_synth.unvisited writes them: how far beyond the body, number of the vein
@@ -185,7 +186,10 @@ def calibration(case: Case, estimate: Estimate) -> Scores:
 
 def bands(case: Case, estimate: Estimate) -> Scores:
     """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
-    band that holds 68 and 95 % of a Gaussian of its deviation; empty for an estimate without deviation.
+    band that should hold 68 and 95 % of it; share of the wall that is unmapped, which a report hatches, and
+    of the WORST of it; share of the WORST in the tenth with the largest deviation; deviations within which
+    QUANTILES of the errors are. Empty for an estimate
+    without deviation.
     """
     assert case.truth is not None
     assert case.truth.surface is not None
@@ -201,7 +205,26 @@ def bands(case: Case, estimate: Estimate) -> Scores:
         if area[part].sum() > 0:
             for percent, width in ((68, BAND_68), (95, BAND_95)):
                 found[f"{name}{percent}"] = float(area[part] @ (error <= width * sd)[part] / area[part].sum())
-    return found
+            within = _find_quantiles((error / sd)[part], area[part], np.array(QUANTILES) / 100)
+            found |= {f"{name}_within_{q}": float(one) for q, one in zip(QUANTILES, within, strict=True)}
+    worst, unsure = (_choose_largest(value, area, share) for value, share in ((error, WORST), (sd, 0.1)))
+    for name, part in (("hatched", ~near), ("unsure", unsure)):
+        found[f"worst_{name}"] = float(area[worst] @ part[worst] / area[worst].sum())
+    return found | {"hatched": float(area @ ~near / area.sum())}
+
+
+def _find_quantiles(values: Array, weights: Array, shares: Array) -> Array:
+    """The values (m,) below which these shares (m,) of the weights are."""
+    order = np.argsort(values)
+    return np.interp(shares, weights[order].cumsum() / weights.sum(), values[order])
+
+
+def _choose_largest(values: Array, area: Array, share: float) -> NDArray[np.bool_]:
+    """Which vertices (n,) have the largest values, as many as this share of the area holds, at least one."""
+    order = np.argsort(-values, kind="stable")
+    chosen = np.zeros(len(values), dtype=bool)
+    chosen[order[: max(1, int((area[order].cumsum() <= share * area.sum()).sum()))]] = True
+    return chosen
 
 
 def _find_distances(case: Case, at: Array) -> Array:

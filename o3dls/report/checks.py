@@ -73,9 +73,11 @@ def _check_calibration(subject: Subject) -> Check:
         )
     off = found[0] - DUE[0]
     shape = words_of(subject).shape
-    said = f"{found[0]:.0%} of the {shape} is within one standard deviation of the truth"
-    said = f"{said} ({DUE[0]:.0%} expected)"
-    short, limit = f"{found[0]:.0%} within 1 SD", f"from {DUE[0] - OFF:.0%} to {DUE[0] + OFF:.0%}"
+    said = f"{found[0]:.0%} of the {shape} is within the {DUE[0]:.0%} band of the truth"
+    short, limit = (
+        f"{found[0]:.0%} in the {DUE[0]:.0%} band",
+        f"from {DUE[0] - OFF:.0%} to {DUE[0] + OFF:.0%}",
+    )
     if abs(off) <= OFF:
         return Check("Calibration", "good", said, short, limit)
     said = f"{said}: {'too cautious' if off > 0 else 'too confident'}"

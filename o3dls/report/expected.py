@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..evaluation.left_out import block_of
 from ..evaluation.next_places import MEAN_OVER_SD
+from ..evaluation.statistics import BAND_68, BAND_95
 from ..geometry.surface import Surface
 from .subject import Result, Subject
 from .surfaces.display import TRUTH
 
-DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviations
-# errors of neighbours go together: a wall has some twenty independent ones, whose share within one standard
-# deviation scatters by .1; twice that is off
+DUE = (0.68, 0.95)  # share of the errors within the two bands
+# errors of neighbours go together: a wall has some twenty independent ones, whose share within the
+# narrow band scatters by .1; twice that is off
 OFF = 0.2
 FEWEST = 10  # points of a region from which they say something of it
 
@@ -131,11 +132,11 @@ def _mean_over_part(surface: Surface, error: Array, part: NDArray[np.bool_]) -> 
 
 
 def shares_within(subject: Subject) -> tuple[float, float] | None:
-    """Return the share of the last surface's vertices whose distance to the true surface is within one and
-    within two predicted standard deviations; None without truth or posterior.
+    """Return the share of the last surface's vertices whose distance to the true surface is within the 68 %
+    and the 95 % band of their deviation; None without truth or posterior.
     """
     fields = subject.surfaces[subject.last.name].fields
     sd, error = fields.get(f"sd_{subject.unit}"), fields.get(f"{TRUTH}_{subject.unit}")
     if sd is None or error is None:
         return None
-    return float((error <= sd).mean()), float((error <= 2 * sd).mean())
+    return float((error <= BAND_68 * sd).mean()), float((error <= BAND_95 * sd).mean())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...evaluation.next_places import MEAN_OVER_SD
+from ...evaluation.statistics import BAND_68, BAND_95
 from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
 from ..expected import DUE, shares_within
 from ..markup import Child, Html, join, millimetres, table, tag
@@ -91,7 +92,7 @@ def _ideal_series(high: float) -> Series:
 
 def _describe_shares(within: tuple[float, float]) -> Html:
     text = (
-        f"{within[0]:.0%} of the vertices lie within one predicted standard deviation of the truth "
-        f"({DUE[0]:.0%} if calibrated), "
+        f"{within[0]:.0%} of the vertices lie within the {DUE[0]:.0%} band ({BAND_68:.2f} predicted standard "
+        "deviations) of the truth, "
     )
-    return tag("p", f"{text}{within[1]:.0%} within two ({DUE[1]:.0%}).")
+    return tag("p", f"{text}{within[1]:.0%} within the {DUE[1]:.0%} band ({BAND_95:.2f}).")
