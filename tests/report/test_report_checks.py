@@ -143,7 +143,7 @@ def test_calibration_that_is_off_is_amber(run: Path) -> None:
     beside = read_subject([run], ["level_set", "icp"])
     confident = next(one for one in checks(with_sd(beside, 0.01)) if one.name == "Calibration")
     assert confident.grade == "amber"
-    assert "(68% expected): too confident" in confident.said
+    assert "within the 68% band of the truth: too confident" in confident.said
 
 
 def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
