@@ -111,6 +111,10 @@ def _sum_up_bands(records: Sequence[Record]) -> list[str]:
                 f"{part} wall within its 68 % band: {low:.1f} %, within its 95 % band: {high:.1f} % "
                 f"({len(shares)} cases)"
             )
+        if said := [one[f"{part}_said95"] for one in held if f"{part}_said95" in one]:
+            found.append(
+                f"{part} wall said to be there and within its 95 % band: {100.0 * np.mean(said):.1f} %"
+            )
         names = [f"{part}_within_{percent}" for percent in QUANTILES]
         if within := [[one[name] for name in names] for one in held if names[0] in one]:
             shown = ", ".join(f"{one:.2f}" for one in np.mean(within, axis=0))

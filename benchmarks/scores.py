@@ -188,7 +188,7 @@ def bands(case: Case, estimate: Estimate) -> Scores:
     """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
     band that should hold 68 and 95 % of it; share of the wall that is unmapped, which a report hatches, and
     of the WORST of it; share of the WORST in the tenth with the largest deviation; deviations within which
-    QUANTILES of the errors are. Empty for an estimate
+    QUANTILES of the errors are; what of the wall is said to be there and within its 95 % band. Empty for an estimate
     without deviation.
     """
     assert case.truth is not None
@@ -199,6 +199,7 @@ def bands(case: Case, estimate: Estimate) -> Scores:
     if sd is None:
         return found
     error = distances(surface.vertices, case.truth.surface)
+    existence = surface.fields.get("existence", np.ones(len(error)))
     area = surface.vertex_areas
     near = _find_distances(case, surface.vertices) <= REACH
     for name, part in (("mapped", near), ("unmapped", ~near)):
@@ -207,6 +208,7 @@ def bands(case: Case, estimate: Estimate) -> Scores:
                 found[f"{name}{percent}"] = float(area[part] @ (error <= width * sd)[part] / area[part].sum())
             within = _find_quantiles((error / sd)[part], area[part], np.array(QUANTILES) / 100)
             found |= {f"{name}_within_{q}": float(one) for q, one in zip(QUANTILES, within, strict=True)}
+            found[f"{name}_said95"] = 0.95 * float(area[part] @ existence[part] / area[part].sum())
     worst, unsure = (_choose_largest(value, area, share) for value, share in ((error, WORST), (sd, 0.1)))
     for name, part in (("hatched", ~near), ("unsure", unsure)):
         found[f"worst_{name}"] = float(area[worst] @ part[worst] / area[worst].sum())

@@ -95,6 +95,7 @@ def test_bands_hold_what_they_should_of_errors_as_students_t_has_them() -> None:
     assert widened * scipy.stats.t.ppf(0.84, degrees) == pytest.approx(BAND_68, abs=1e-6)
     deviation = 0.01 * np.linspace(1.0, 2.0, n)
     found = bands(*half_mapped(widened * deviation * rng.standard_t(degrees, size=n), deviation))
+    assert found["mapped_said95"] == pytest.approx(0.95)  # nothing doubts that there is wall
     for part in ("mapped", "unmapped"):  # to .03: thousands of vertices, and feet on a bent wall
         assert found[f"{part}68"] == pytest.approx(0.68, abs=0.03)
         assert found[f"{part}95"] == pytest.approx(0.95, abs=0.03)
@@ -110,12 +111,20 @@ def test_the_worst_wall_is_told_from_the_rest(side: float, hatched: float) -> No
 
 
 def test_what_is_said_ends_with_bands_and_the_worst_wall() -> None:
-    found = {"mapped68": 0.7, "mapped95": 0.96, "hatched": 0.13, "worst_hatched": 0.49, "worst_unsure": 0.62}
+    found = {
+        "mapped_said95": 0.9,
+        "mapped68": 0.7,
+        "mapped95": 0.96,
+        "hatched": 0.13,
+        "worst_hatched": 0.49,
+        "worst_unsure": 0.62,
+    }
     found |= {f"mapped_within_{q}": q / 50 for q in QUANTILES}
     errors = {"icp": {"ssd": 2.0, "mapped": 2.0}, "deform": {"ssd": 1.0, "mapped": 0.9}}
     record: Record = {"case": "one", "group": "one", "grade": "good", "final": "deform", "doubts": []}
     record |= {"headline": {"all": 1.0, "mapped": 0.8}, "truth": {"errors": errors, "bands": found}}
     said = table([record])
     assert "mapped wall within its 68 % band: 70.0 %, within its 95 % band: 96.0 % (1 cases)" in said
+    assert "mapped wall said to be there and within its 95 % band: 90.0 %" in said
     assert "mapped wall: 50, 80, 90, 95, 99 % are within 1.00, 1.60, 1.80, 1.90, 1.98 deviations" in said
     assert "of the worst 1 % of the wall 49 % is hatched (of all wall 13 %) and 62 % is in the tenth" in said
