@@ -188,8 +188,8 @@ def bands(case: Case, estimate: Estimate) -> Scores:
     """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
     band that should hold 68 and 95 % of it; share of the wall that is unmapped, which a report hatches, and
     of the WORST of it; share of the WORST in the tenth with the largest deviation; deviations within which
-    QUANTILES of the errors are; what of the wall is said to be there and within its 95 % band. Empty for an estimate
-    without deviation.
+    QUANTILES of the errors are; what of the wall is said to be there and within its 95 % band. Empty for an
+    estimate without deviation.
     """
     assert case.truth is not None
     assert case.truth.surface is not None
