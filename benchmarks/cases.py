@@ -11,13 +11,15 @@ FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in the
 into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
 benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
-points; `families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
+points; `poses` crosses twenty patients' atria without landmarks, from a rough pose and in an unknown frame;
+`families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
 have a patient's own atrium as the prior, and a map that leaves wall out, a dense one, or a prior that lacks
 wall, `paths` a map that is taken along a path; `one_sided` a wall that is folded on one side, or points that
 float there; `altered` has something wrong, and healthy cases beside it. Crossed cases say
 prior_of = "template". Names are groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
+    cross_250_1_even_<rough|unknown>_<seed>                        without landmarks
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
                                                                    one clustered with 5 % outliers
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
@@ -49,6 +51,7 @@ from time import perf_counter
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from data_synth import (
     Mapping,
@@ -117,8 +120,10 @@ FIRST_SEED = {
     "whole": {False: 951, True: 3101},
     "paths": {False: 961, True: 3201},
     "one_sided": {False: 981, True: 3301},
+    "poses": {False: 601, True: 3401},
 }
 FEW = (100, 250)
+POSE_STEPS = {"rough": 1, "unknown": 7}  # from a prior to its truth in the list, of every way to start
 # where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
 # no other wall
 OWN_DEVELOPMENT = (
@@ -325,6 +330,37 @@ def paired(judging: bool) -> Iterator[Wanted]:
         for seed, (prior, truth) in enumerate(permutations(atria, 2), FIRST_SEED["pairs"][judging]):
             how = Mapping(points, noise, False, 0.0)
             yield Wanted(f"cross_{points}_{noise:g}_even_{seed}", seed, how, prior, truth)
+
+
+@dataclass(frozen=True)
+class WithoutLandmarks:
+    """A crossed case by its name, which starts from a rough pose or, in an unknown frame, from none."""
+
+    name: str
+    seed: int
+    prior: str
+    truth: str
+    unknown: bool
+
+    def case(self, data: Path) -> Case:
+        near = _align_vertices(data, self.prior, self.truth)
+        walls = _read_wall(data, self.prior), _read_wall(data, self.truth)
+        found = cross(*walls, self.seed, landmarks=False, how=Mapping(250, NOISE[0], False, 0.0), near=near)
+        if self.unknown:
+            turn = Rotation.random(rng=np.random.default_rng((self.seed, 3407))).as_matrix()
+            turned = found.prior.with_vertices(found.prior.vertices @ turn.T)
+            found = replace(found, prior=turned, init=None)
+        return replace(found, prior_of="template")
+
+
+def without_landmarks(judging: bool) -> Iterator[WithoutLandmarks]:
+    """Twenty patients' atria, each the prior of one from a rough pose and of another in an unknown frame."""
+    numbers = LASC[judging]
+    seed = FIRST_SEED["poses"][judging]
+    for (way, step), k in product(POSE_STEPS.items(), range(len(numbers))):
+        prior, truth = (f"lasc2018/la_{numbers[one % len(numbers)]}.ply" for one in (k, k + step))
+        yield WithoutLandmarks(f"cross_250_1_even_{way}_{seed}", seed, prior, truth, way == "unknown")
+        seed += 1
 
 
 def moved(judging: bool) -> Iterator[Wanted]:
@@ -558,6 +594,7 @@ def _take_turns(numbers: Sequence[int], others: Sequence[str], count: int) -> It
 SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "cross": crossed,
     "pairs": paired,
+    "poses": without_landmarks,
     "families": moved,
     "unvisited": left_out,
     "whole": densely_mapped,

@@ -81,3 +81,16 @@ def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> 
 
 def test_badly_segmented_priors_are_ten_and_twenty() -> None:
     assert [len(list(cases.bad_priors(judging))) for judging in (False, True)] == [10, 20]
+
+
+def test_forty_pairs_start_without_landmarks_half_of_them_without_a_pose(shared_data: Path) -> None:
+    judged = list(cases.without_landmarks(judging=True))
+    assert len(judged) == len({(one.prior, one.truth) for one in judged}) == 40
+    assert sum(one.unknown for one in judged) == 20
+    assert all(one.prior != one.truth for one in judged)
+    for way, posed in (("rough", True), ("unknown", False)):
+        found = next(one for one in cases.without_landmarks(judging=False) if way in one.name).case(shared_data)
+        assert not found.prior_landmarks
+        assert not (found.points.type == "landmark").any()
+        assert (found.init is not None) == posed
+        assert found.prior_of == "template"
