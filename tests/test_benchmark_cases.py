@@ -89,7 +89,9 @@ def test_forty_pairs_start_without_landmarks_half_of_them_without_a_pose(shared_
     assert sum(one.unknown for one in judged) == 20
     assert all(one.prior != one.truth for one in judged)
     for way, posed in (("rough", True), ("unknown", False)):
-        found = next(one for one in cases.without_landmarks(judging=False) if way in one.name).case(shared_data)
+        found = next(one for one in cases.without_landmarks(judging=False) if way in one.name).case(
+            shared_data
+        )
         assert not found.prior_landmarks
         assert not (found.points.type == "landmark").any()
         assert (found.init is not None) == posed
