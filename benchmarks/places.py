@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
 from benchmarks.accuracy import ours
 from benchmarks.cases import find
@@ -32,6 +31,7 @@ from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation.interpolation import REACH
+from o3dls.evaluation.statistics import band
 from o3dls.motion.posterior import wall_posterior
 
 Record = dict[str, Any]
@@ -94,7 +94,7 @@ def _judge_errors(error: Array, normals: Array, covariance: Array) -> dict[str, 
         own = np.einsum("nka,nab,nlb->nkl", axes, covariance, axes)
         squared = np.einsum("nk,nk->n", part, np.linalg.solve(own, part[:, :, None])[:, :, 0])
         free = part.shape[1]
-        found |= {f"q{name}": squared / free, f"in_95{name}": squared <= chi2.ppf(0.95, free)}
+        found |= {f"q{name}": squared / free, f"in_95{name}": squared <= band(0.95, free) ** 2}
     return found
 
 

@@ -15,7 +15,7 @@ from benchmarks.scores import DEPTH, QUANTILES, VEIN, Record, bands, vein_scores
 from o3dls.arrays import Array
 from o3dls.case import Case, Points, Truth
 from o3dls.estimate import Estimate
-from o3dls.evaluation.statistics import BAND_68, BAND_95
+from o3dls.evaluation.statistics import BAND_68, BAND_95, band
 from o3dls.geometry.surface import Surface
 
 SEED = 33_907
@@ -92,13 +92,24 @@ def test_bands_hold_what_they_should_of_errors_as_students_t_has_them() -> None:
     degrees = 8
     rng, n = np.random.default_rng(SEED), len(TORUS.vertices)
     widened = BAND_95 / scipy.stats.t.ppf(0.975, degrees)
-    assert widened * scipy.stats.t.ppf(0.84, degrees) == pytest.approx(BAND_68, abs=1e-6)
+    assert (band(0.68), band(0.95)) == pytest.approx((BAND_68, BAND_95), abs=1e-6)
     deviation = 0.01 * np.linspace(1.0, 2.0, n)
     found = bands(*half_mapped(widened * deviation * rng.standard_t(degrees, size=n), deviation))
     assert found["mapped_said95"] == pytest.approx(0.95)  # nothing doubts that there is wall
     for part in ("mapped", "unmapped"):  # to .03: thousands of vertices, and feet on a bent wall
         assert found[f"{part}68"] == pytest.approx(0.68, abs=0.03)
         assert found[f"{part}95"] == pytest.approx(0.95, abs=0.03)
+
+
+def test_ellipsoids_hold_their_share_of_errors_in_space() -> None:
+    """Errors in space of one common scale each, as a deviation that is uncertain makes them."""
+    rng, degrees, n = np.random.default_rng(SEED), 8, 100_000
+    scale = BAND_95 / scipy.stats.t.ppf(0.975, degrees)
+    error = scale * rng.normal(size=(n, 3)) * np.sqrt(degrees / rng.chisquare(degrees, (n, 1)))
+    for dimensions in (1, 2, 3):
+        for share in (0.68, 0.95):
+            within = np.linalg.norm(error[:, :dimensions], axis=1) <= band(share, dimensions)
+            assert within.mean() == pytest.approx(share, abs=0.004)  # two standard errors and more
 
 
 @pytest.mark.parametrize(("side", "hatched"), [(-1.0, 1.0), (1.0, 0.0)])

@@ -15,11 +15,22 @@ from ..arrays import Array, Ints
 ROUNDS = 4000
 FEWEST_BLOCKS, MOST_BLOCKS, PER_BLOCK = 8, 60, 5
 SEED = 74215
-# Deviations that hold 68 and 95 % of the errors. The deviation of a fit takes the amplitudes and the noise
-# that it found as known, so that errors are as a deviation that is itself uncertain makes them: they follow
-# Student's t of 8 degrees of freedom, scaled so that 95 % are within the 1.96 of a Gaussian.
-BAND_68 = 0.901126
-BAND_95 = 1.959964
+DEGREES = 8.0  # of freedom of errors over their deviations
+BAND_68, BAND_95 = 0.901126, 1.959964  # band(0.68) and band(0.95)
+
+
+def band(share: float, dimensions: int = 1) -> float:
+    """Return how many deviations hold this share of the errors: half the width of a band, or the half axes of
+    an ellipsoid in as many dimensions.
+
+    The deviation of a fit takes the amplitudes and the noise that it found as known, so that errors are as a
+    deviation that is itself uncertain makes them. They follow Student's t, scaled so that 95 % of those in
+    one dimension are within the 1.96 deviations of a Gaussian.
+    """
+    from scipy.special import fdtri, ndtri
+
+    scale = ndtri(0.975) ** 2 / fdtri(1, DEGREES, 0.95)
+    return float(np.sqrt(scale * dimensions * fdtri(dimensions, DEGREES, share)))
 
 
 @dataclass(frozen=True)
