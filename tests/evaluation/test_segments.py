@@ -14,9 +14,11 @@ from o3dls.evaluation.segments.division import SEGMENTS, VALVE, Division, divide
 from o3dls.evaluation.segments.flattening import flatten
 from o3dls.evaluation.segments.naming import TEMPLATE, VALVE_NORMAL
 from o3dls.evaluation.segments.openings import Openings, find_openings
+from o3dls.evaluation.wall_graph import cut_apart
 from o3dls.geometry.similarity import apply
 from o3dls.geometry.surface import Surface
 from tests.chamber import pose
+from tests.shapes import meshed
 from tests.tiny import sphere
 
 LPS = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, 1]])  # left, front, up
@@ -83,6 +85,25 @@ def test_a_vein_that_was_cut_where_it_begins_is_where_its_landmark_is() -> None:
     nearest = np.linalg.norm(atrium().vertices - at, axis=1).argmin()
     assert found.tubes["LIPV"].inside[nearest]
     assert not np.any([tube.inside[nearest] for tube in divided()[0].tubes.values()])
+
+
+def test_tubes_that_touch_are_parted_where_they_do() -> None:
+    """The far end of a long tube is nearer to the mouth of a short one, which touches it in its middle."""
+
+    def distance(points: Array) -> Array:
+        height = np.clip(points[:, 2], -14.0, 14.0)
+        long = np.linalg.norm(points - height[:, None] * [0.0, 0.0, 1.0], axis=1) - 4.0
+        along = np.clip(points[:, 0], 7.5, 12.0)
+        short = np.linalg.norm(points - along[:, None] * [1.0, 0.0, 0.0], axis=1) - 4.0
+        return np.minimum(long, short)
+
+    surface = meshed(distance, 20.0)
+    at = surface.vertices
+    first = cut_apart(surface, np.ones(len(at), dtype=bool), at[:, 2] < -15.0, at[:, 0] > 14.0)
+    true = np.hypot(at[:, 0], at[:, 1]) < 4.2
+    assert first[at[:, 2] > 8.0].all()
+    assert (first == true)[surface.vertices[:, 0] < 3.0].all()
+    assert (first != true).mean() < 0.02
 
 
 def test_what_has_no_veins_is_no_atrium() -> None:

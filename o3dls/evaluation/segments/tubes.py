@@ -14,7 +14,7 @@ from scipy import sparse
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
-from ..wall_graph import label_pieces, measure_way
+from ..wall_graph import cut_apart, label_pieces, measure_way
 
 MOUTH = 2.5  # mm out of the chamber: where a tube begins
 SHORT = 4.0  # mm out of the chamber: what reaches less far is no tube
@@ -92,8 +92,8 @@ def _watershed(edges: sparse.coo_array, depth: Array) -> Ints:
 
 
 def _split_mouths(surface: Surface, edges: sparse.coo_array, depth: Array, inside: Mask) -> list[Mask]:
-    """Return the parts of a tube that are nearest to each of its mouths: two where the tips of two tubes
-    touch each other, else one.
+    """Return the parts of a tube that belong to each of its mouths: two where the tips of two tubes touch
+    each other, else one.
     """
     ring = inside & (depth < MOUTH + RING)
     piece = label_pieces(edges, ring)
@@ -101,8 +101,8 @@ def _split_mouths(surface: Surface, edges: sparse.coo_array, depth: Array, insid
     middles = np.array([surface.vertices[piece == k].mean(axis=0) for k in large])
     if len(large) != 2 or np.linalg.norm(middles[0] - middles[1]) < APART:
         return [inside]
-    way = np.array([measure_way(edges, piece == k, inside) for k in large])
-    return [inside & (way.argmin(axis=0) == k) for k in range(2)]
+    first = cut_apart(surface, inside, piece == large[0], piece == large[1])
+    return [first, inside & ~first]
 
 
 def _make_tube(surface: Surface, depth: Array, inside: Mask) -> Tube:
