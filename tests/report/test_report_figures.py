@@ -34,6 +34,7 @@ from o3dls.report.drawing.fields import (
     robust_range,
 )
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
+from o3dls.report.drawing.painting import plain
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
 from o3dls.report.grading.remarks import Remark
@@ -55,7 +56,7 @@ VIEW = View(in_frame("LPS").looking(), np.zeros(3), 100.0)
 def test_sphere_covers_its_disc_and_is_lit_from_the_viewer() -> None:
     canvas = Canvas(VIEW, 200, 200, WHITE)
     surface = sphere(40.0, 60)
-    canvas.surface(surface, np.tile((0.0, 0.5, 1.0), (len(surface.vertices), 1)))
+    canvas.surface(surface, plain((0.0, 0.5, 1.0)))
     picture = canvas.pixels().astype(float) / 255
     covered = (picture != 1).any(axis=2)
     assert covered.mean() == pytest.approx(np.pi * 40**2 / 100**2, rel=0.02)
@@ -72,7 +73,7 @@ def test_light_does_not_change_what_a_colour_is_read_as(name: str) -> None:
     surface = sphere(40.0, 60)
     for step in (64, 128, 192):
         canvas = Canvas(VIEW, 200, 200, WHITE)
-        canvas.surface(surface, np.tile(table[step], (len(surface.vertices), 1)))
+        canvas.surface(surface, plain(tuple(table[step])))
         seen = canvas.pixels()[100, 100 - int(80 * np.sin(np.radians(60))) : 100] / 255
         read = np.linalg.norm(seen[:, None] - table[None], axis=2).argmin(axis=1)
         assert np.abs(read - step).max() <= 0.06 * 255
@@ -457,7 +458,7 @@ def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:
 def test_a_triangle_seen_edge_on_draws_nothing() -> None:
     canvas = Canvas(VIEW, 50, 50, WHITE)
     flat = Surface(np.array([[0.0, 0, 0], [0, 10, 0], [0, 0, 10]]), np.array([[0, 1, 2]]))
-    canvas.surface(flat, np.zeros((3, 3)))
+    canvas.surface(flat, plain((0.0, 0.0, 0.0)))
     assert (canvas.pixels() == 255).all()
 
 
