@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from o3dls.cli.main import answer
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.surface import Surface
-from o3dls.report.drawing import figures, pictures
+from o3dls.report.drawing import fields, figures, pictures
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.colour_maps import MAPS, colour_table
 from o3dls.report.drawing.fields import (
@@ -32,6 +32,7 @@ from o3dls.report.drawing.fields import (
     length_range,
     point_field,
     robust_range,
+    shown_fields,
 )
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.painting import plain
@@ -252,6 +253,34 @@ def test_every_length_of_a_report_has_such_a_scale_which_all_its_pictures_share(
     for field in [*lengths, point_field(subject)]:
         assert field.high in (2.0, 5.0, 10.0, 20.0, 50.0), field
         assert field.low in (0.0, -field.high), field
+
+
+@pytest.mark.parametrize(("noise", "end"), [(0.2, 5.0), (6.0, 20.0)])
+def test_distances_of_wall_and_points_share_a_scale(tmp_path: Path, noise: float, end: float) -> None:
+    """Their bars stand side by side: one length must not have two places."""
+    subject = read_subject([finished(tmp_path / "run", bulged_case(noise=noise), folds=3)])
+    ends = {one.key: one.high for one in shown_fields(subject)}
+    assert ends["distance_to_truth_mm"] == ends["left_out_mm"] == point_field(subject).high == end
+    alone = {one.key: one.high for one in known_fields(list(subject.surfaces.values()), "mm")}
+    assert max(alone["distance_to_truth_mm"], alone["left_out_mm"], 5.0) <= end
+    assert ends["sd_mm"] == alone["sd_mm"]  # which is no distance
+
+
+def test_outliers_do_not_stretch_the_scale_of_the_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tenth of the points lies far off, and has a mark of its own."""
+    case = bulged_case()
+    xyz = case.points.xyz.copy()
+    xyz[:10] *= 1.5
+    subject = read_subject([finished(tmp_path / "run", replace(case, points=replace(case.points, xyz=xyz)))])
+    assert point_field(subject).high == 20.0
+
+    def doubted(run: Any, key: str) -> Any:
+        return np.where(np.arange(len(run.points.xyz)) < 10, 0.02, 1.0)
+
+    monkeypatch.setattr(fields, "beliefs", doubted)
+    assert point_field(subject).high <= 5.0
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 1e-9), np.full(5, np.nan), np.zeros(0)])

@@ -18,7 +18,7 @@ from ..markup import Html, tag
 from ..page_parts import image
 from ..subject import Subject
 from .caption import caption, colour_bar, view_name
-from .fields import Field, colours_of, known_fields, point_field
+from .fields import Field, colours_of, known_fields, point_field, shown_fields
 from .painting import paint_field
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def pictures(subject: Subject, *, behind: bool = False) -> dict[str, Any]:
     of_view = _drawn.setdefault(subject, {})
     if behind not in of_view:
         surfaces = list(subject.surfaces.values())
-        field = known_fields(list(subject.surfaces.values()), subject.unit)[0]
+        field = shown_fields(subject)[0]
         view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
         of_view[behind] = {
             name: _draw_picture(subject, name, surface, field, view)
@@ -52,7 +52,7 @@ def pictures(subject: Subject, *, behind: bool = False) -> dict[str, Any]:
 def static_pictures(subject: Subject) -> Html:
     """Place the pictures from the front into the page, side by side, with the scales of their colours."""
     surfaces = list(subject.surfaces.values())
-    field = known_fields(list(subject.surfaces.values()), subject.unit)[0]
+    field = shown_fields(subject)[0]
     values = [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
     gaps = [subject.results[name].point_distances for name in subject.shown]
     row = [
@@ -63,7 +63,7 @@ def static_pictures(subject: Subject) -> Html:
         "div",
         tag("div", *row, class_="row"),
         tag("div", colour_bar(field, values), colour_bar(point_field(subject), gaps), class_="row"),
-        tag("p", caption(subject), class_="soft"),
+        tag("p", f"{caption(subject)}. View by the {orientation(subject).known_by}.", class_="soft"),
         class_="static",
     )
 
