@@ -29,6 +29,7 @@ def draw(space: str, *, surface: Surface | None = None, points: Points | None = 
     """Draw a surface and points from the front, as the base64 text of a PNG; None where there is nothing."""
     from PIL import Image
 
+    from ..report.drawing.painting import plain
     from ..report.drawing.raster import Canvas, View
     from ..report.surfaces.display import decimated
 
@@ -40,7 +41,7 @@ def draw(space: str, *, surface: Surface | None = None, points: Points | None = 
     canvas = Canvas(View(axes, *_fit_view(np.vstack(parts) @ axes.T, axes)), *PIXELS, (1, 1, 1))
     if surface is not None:
         drawn = decimated(surface, FACES, FACES)
-        canvas.surface(drawn, np.tile(WALL, (len(drawn.vertices), 1)))
+        canvas.surface(drawn, plain(WALL))
     if points is not None:
         colours = np.array([COLOURS.get(str(kind), OTHERS) for kind in points.type]).reshape(-1, 3)
         canvas.balls(points.xyz, colours, 1.0 if len(points) < 2000 else 0.5)

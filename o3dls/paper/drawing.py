@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..geometry.surface import Surface
 from ..report.drawing.colour_maps import colour_table
-from ..report.drawing.fields import Field, colours_of
+from ..report.drawing.fields import Field
 from ..report.drawing.figures import plain_figure, png
 from ..report.palette import colour_of
 
@@ -132,6 +132,7 @@ def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array
     """Draw rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces
     without that field are bone.
     """
+    from ..report.drawing.painting import paint_field, plain
     from ..report.drawing.raster import Canvas, View
 
     everything = np.vstack([surface.vertices for row in panels for _, surface, _ in row])
@@ -150,21 +151,14 @@ def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array
         for row, drawn in zip(grid, panels, strict=True):
             for ax, (title, surface, seen) in zip(row, drawn, strict=False):
                 canvas = Canvas(view, *pixels, (1, 1, 1))
-                canvas.surface(surface, _vertex_colours(surface, scale))
+                canvas.surface(
+                    surface, paint_field(surface, scale) if scale.key in surface.fields else plain(BONE)
+                )
                 canvas.balls(seen, np.tile([0.1, 0.1, 0.1], (len(seen), 1)), 0.8)
                 ax.imshow(canvas.pixels(), interpolation="antialiased")
                 ax.set_title(title, fontsize=9)
         _draw_bar(figure, scale, bottom)
         return png(figure)
-
-
-def _vertex_colours(surface: Surface, scale: Field) -> Array:
-    values = surface.fields.get(scale.key)
-    return (
-        np.tile(BONE, (len(surface.vertices), 1))
-        if values is None
-        else colours_of(np.asarray(values, dtype=np.float64), scale)
-    )
 
 
 def _draw_bar(figure: Any, scale: Field, bottom: float) -> None:

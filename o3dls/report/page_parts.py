@@ -9,7 +9,7 @@ from .markup import Html, data_block, join, tag
 
 SCRIPTS = (
     "decode.js",
-    "missing.js",
+    "borders.js",
     "materials.js",
     "focus.js",
     "framing.js",

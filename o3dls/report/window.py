@@ -15,7 +15,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
 from .browser import has_display
-from .drawing.fields import colours_of, known_fields, point_field
+from .drawing.fields import colours_of, point_field, shown_fields
 from .drawing.figures import INK
 from .drawing.labels import Sheet, ends, sheet
 from .drawing.open3d_meshes import balls, edges, mesh, plain, rgb
@@ -55,7 +55,7 @@ class Stand:
         self.subject = replace(subject, shown=list(subject.results))
         self.names = list(subject.results)
         self.first = Choice(len(self.names) - 1)
-        self.fields = known_fields(list(subject.surfaces.values()), subject.unit)
+        self.fields = shown_fields(subject)
         self.gaps = point_field(subject)
         self.seen = orientation(self.subject)
         self.views = self.seen.views()  # name, and the direction (3,) from where it looks

@@ -285,7 +285,6 @@ NO_ADVICE = {
     "{}; the sidecar is taken, as --sidecar says",
     "{}; it is ignored, as --sidecar says",
     "states units {}, {}; --units {} overrules that",
-    " The case does not say its frame: views are by the {}.",
     # titles, lines of files, patterns, and parts of sentences
     "o3dls live",
     "o3dls app",

@@ -183,7 +183,7 @@ def test_a_scene_of_the_same_faces_moves_the_picture_and_one_in_another_frame_lo
     says(visit, "#view-name", "PA")
     session.server.publish(session.script.unplaced)
     visit.page.locator("#unplaced").wait_for(state="visible", timeout=PATIENCE)
-    says(visit, "#view-name", "prior")  # whose own axes are all that is known
+    says(visit, "#view-name", "side 1")  # of the prior, whose axes are all that is known
     says(visit, "#role-now", "This page acts.")  # it finds its name again
     assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST)
 

@@ -107,7 +107,7 @@ def test_where_the_axes_are_not_known_those_of_the_prior_are_named(tmp_path: Pat
     assert not re.search(r"left|front|head|sagittal|axial", html)
     across_z = figures(html)[2]
     assert "across the prior&#x27;s z axis" in across_z
-    assert texts(across_z)[1:] == ["← prior −x", "prior +x →", "prior +y ↓", "prior −y ↑"]
+    assert texts(across_z)[1:] == ["← side 4", "side 3 →", "side 2 ↓", "side 1 ↑"]
 
 
 def test_sections_turn_with_the_prior_where_it_knows_the_axes(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from o3dls.cli.main import answer
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.surface import Surface
-from o3dls.report.drawing import figures, pictures
+from o3dls.report.drawing import fields, figures, pictures
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.colour_maps import MAPS, colour_table
 from o3dls.report.drawing.fields import (
@@ -32,8 +32,10 @@ from o3dls.report.drawing.fields import (
     length_range,
     point_field,
     robust_range,
+    shown_fields,
 )
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
+from o3dls.report.drawing.painting import plain
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
 from o3dls.report.grading.remarks import Remark
@@ -55,7 +57,7 @@ VIEW = View(in_frame("LPS").looking(), np.zeros(3), 100.0)
 def test_sphere_covers_its_disc_and_is_lit_from_the_viewer() -> None:
     canvas = Canvas(VIEW, 200, 200, WHITE)
     surface = sphere(40.0, 60)
-    canvas.surface(surface, np.tile((0.0, 0.5, 1.0), (len(surface.vertices), 1)))
+    canvas.surface(surface, plain((0.0, 0.5, 1.0)))
     picture = canvas.pixels().astype(float) / 255
     covered = (picture != 1).any(axis=2)
     assert covered.mean() == pytest.approx(np.pi * 40**2 / 100**2, rel=0.02)
@@ -72,7 +74,7 @@ def test_light_does_not_change_what_a_colour_is_read_as(name: str) -> None:
     surface = sphere(40.0, 60)
     for step in (64, 128, 192):
         canvas = Canvas(VIEW, 200, 200, WHITE)
-        canvas.surface(surface, np.tile(table[step], (len(surface.vertices), 1)))
+        canvas.surface(surface, plain(tuple(table[step])))
         seen = canvas.pixels()[100, 100 - int(80 * np.sin(np.radians(60))) : 100] / 255
         read = np.linalg.norm(seen[:, None] - table[None], axis=2).argmin(axis=1)
         assert np.abs(read - step).max() <= 0.06 * 255
@@ -118,8 +120,9 @@ def test_bars_of_pictures_are_pointed_where_values_lie_beyond(
 ) -> None:
     subject = read_subject([finished(tmp_path / "run")])
     pointed = pictures_png(subject)
-    for extended in ("max", "neither"):
-        monkeypatch.setattr(Field, "extended", lambda self, values, extended=extended: extended)
+    for extended in ("max", "neither"):  # of the points; the scale fits the wall
+        ends = {"points": extended}
+        monkeypatch.setattr(Field, "extended", lambda self, values, ends=ends: ends.get(self.key, "neither"))
         assert (pictures_png(subject) == pointed) == (extended == "max")
 
 
@@ -251,6 +254,34 @@ def test_every_length_of_a_report_has_such_a_scale_which_all_its_pictures_share(
     for field in [*lengths, point_field(subject)]:
         assert field.high in (2.0, 5.0, 10.0, 20.0, 50.0), field
         assert field.low in (0.0, -field.high), field
+
+
+@pytest.mark.parametrize(("noise", "end"), [(0.2, 5.0), (6.0, 20.0)])
+def test_distances_of_wall_and_points_share_a_scale(tmp_path: Path, noise: float, end: float) -> None:
+    """Their bars stand side by side: one length must not have two places."""
+    subject = read_subject([finished(tmp_path / "run", bulged_case(noise=noise), folds=3)])
+    ends = {one.key: one.high for one in shown_fields(subject)}
+    assert ends["distance_to_truth_mm"] == ends["left_out_mm"] == point_field(subject).high == end
+    alone = {one.key: one.high for one in known_fields(list(subject.surfaces.values()), "mm")}
+    assert max(alone["distance_to_truth_mm"], alone["left_out_mm"], 5.0) <= end
+    assert ends["sd_mm"] == alone["sd_mm"]  # which is no distance
+
+
+def test_outliers_do_not_stretch_the_scale_of_the_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tenth of the points lies far off, and has a mark of its own."""
+    case = bulged_case()
+    xyz = case.points.xyz.copy()
+    xyz[:10] *= 1.5
+    subject = read_subject([finished(tmp_path / "run", replace(case, points=replace(case.points, xyz=xyz)))])
+    assert point_field(subject).high == 20.0
+
+    def doubted(run: Any, key: str) -> Any:
+        return np.where(np.arange(len(run.points.xyz)) < 10, 0.02, 1.0)
+
+    monkeypatch.setattr(fields, "beliefs", doubted)
+    assert point_field(subject).high <= 5.0
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 1e-9), np.full(5, np.nan), np.zeros(0)])
@@ -457,7 +488,7 @@ def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:
 def test_a_triangle_seen_edge_on_draws_nothing() -> None:
     canvas = Canvas(VIEW, 50, 50, WHITE)
     flat = Surface(np.array([[0.0, 0, 0], [0, 10, 0], [0, 0, 10]]), np.array([[0, 1, 2]]))
-    canvas.surface(flat, np.zeros((3, 3)))
+    canvas.surface(flat, plain((0.0, 0.0, 0.0)))
     assert (canvas.pixels() == 255).all()
 
 

@@ -154,21 +154,27 @@ def test_the_torso_turns_with_the_pictures(visit: Visit) -> None:
     assert visit.page.locator("#view-name").inner_text() == "turned freely"
 
 
-def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: Any, tmp_path: Path) -> None:
+def test_views_of_an_unknown_frame_are_numbered_sides_and_that_is_said_once(
+    browser: Any, tmp_path: Path
+) -> None:
     case = replace(bulged_case(), frame="unknown")
     case = replace(case, points=case.points.of("eam", "ablation"), prior_landmarks={})
     report = write_report([finished(tmp_path / "run", case)], pdf=True)
     visit = Visit(browser, report)
     names = visit.page.locator("#views button").all_inner_texts()
-    assert names == ["prior −y", "prior +y", "prior +x", "prior −x", "prior +z", "prior −z"]
-    assert visit.page.locator("#view-name").inner_text() == "prior −y"
-    assert "the patient's are not known" in visit.page.locator("#views-by").inner_text()
+    assert names == [f"side {k}" for k in range(1, 7)]
+    assert visit.page.locator("#view-name").inner_text() == "side 1"
+    unknown = "the patient's axes are not known"
+    assert unknown in visit.page.locator("#views-by").inner_text()
     assert visit.page.locator("#torso").count() == 0
-    said = visit.page.locator("section#pictures > p.soft").inner_text()
-    assert "does not say its frame: views are by the prior's own axes" in said
-    assert "from prior −y" in (visit.page.locator(".static img").first.get_attribute("alt") or "")
+    assert visit.page.locator("section#pictures").inner_text().count(unknown) == 1
+    assert unknown in visit.page.locator(".static p").text_content()  # for browsers without WebGL
+    assert "from side 1" in (visit.page.locator(".static img").first.get_attribute("alt") or "")
     assert visit.page.locator("#cut option").all_inner_texts() == ["none", "x", "y", "z", "free"]
-    assert not list((tmp_path / "run" / "figures").glob("surfaces_[ap][ap].png"))
+    assert {one.name for one in (tmp_path / "run" / "figures").glob("surfaces_*")} == {
+        "surfaces_side_1.png",
+        "surfaces_side_2.png",
+    }
     assert visit.errors == []
     visit.page.close()
 

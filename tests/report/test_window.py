@@ -15,7 +15,7 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.report.drawing.colour_maps import colour_table
-from o3dls.report.drawing.fields import known_fields, point_field
+from o3dls.report.drawing.fields import point_field, shown_fields
 from o3dls.report.drawing.labels import Sheet
 from o3dls.report.subject import read_subject
 from o3dls.report.window import Stand, open_window
@@ -69,7 +69,7 @@ def test_each_switch_adds_or_takes_what_it_says(stand: Stand) -> None:
 
 def test_scales_and_colours_are_those_of_the_report(run: Path, stand: Stand) -> None:
     report = read_subject([run])
-    assert stand.fields == known_fields(list(report.surfaces.values()), report.unit)
+    assert stand.fields == shown_fields(report)
     assert stand.gaps == point_field(report)
     page = stand.page(stand.first)
     _, colours = page.bar(stand.fields[0], -1.0, -0.2, -1.3)

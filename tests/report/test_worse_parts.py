@@ -13,7 +13,7 @@ from o3dls.report.grading import doubts as doubts_module
 from o3dls.report.grading.doubts import doubted_regions
 from o3dls.report.grading.worse_parts import WorsePart, worse_parts
 from o3dls.report.mapping import place_words
-from o3dls.report.mapping.place_words import describe_place
+from o3dls.report.mapping.place_words import describe_place, name_place
 from o3dls.report.sections.answers import answers
 from o3dls.report.subject import read_subject
 from tests.finished import bulged_case, finished, finished_2d
@@ -24,14 +24,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return finished(tmp_path_factory.mktemp("worse") / "run", bulged_case(points=200), folds=3)
 
 
-@pytest.mark.parametrize(("height", "found"), [(1.5, 0), (5.0, 1)])
+@pytest.mark.parametrize(
+    ("height", "rest", "found"), [(3.0, 2.0, 0), (5.0, 1.0, 1), (2.4, 0.3, 0), (2.6, 0.3, 1)]
+)
 def test_a_part_of_mapped_wall_of_which_the_model_is_less_sure_is_found(
-    run: Path, height: float, found: int
+    run: Path, height: float, rest: float, found: int
 ) -> None:
+    """Also where the rest is surer still, an error below the width of a catheter's tip is not named."""
     subject = read_subject([run])
     last, surface = subject.last, subject.last.estimate.surface
     up = surface.vertices[:, 2] > 0.8 * surface.vertices[:, 2].max()
-    fields = {**surface.fields, "sd_mm": np.where(up, height, 1.0), "prior_only": np.zeros(len(up))}
+    fields = {**surface.fields, "sd_mm": np.where(up, height, rest), "prior_only": np.zeros(len(up))}
     estimate = replace(last.estimate, surface=replace(surface, fields=fields))
     changed = replace(last.run, estimates={**last.run.estimates, last.key: estimate})
     unsure = replace(subject, results={**subject.results, last.name: replace(last, run=changed)})
@@ -87,6 +90,23 @@ def test_a_place_has_a_direction_by_the_patients_axes(
 
 
 @pytest.mark.parametrize(
+    ("step", "region", "words"),
+    [
+        ((-3.0, -8.0, 8.0), "roof", "roof, 12 mm in front of RSPV"),
+        ((-3.0, -8.0, 8.0), "ostium RSPV", "ostium RSPV, 12 mm in front"),
+        ((10.0, 0.0, 0.0), "ostium RSPV", "ostium RSPV, 10 mm left"),
+        ((0.0, 0.0, 2.0), "ostium RSPV", "ostium RSPV"),
+        ((0.0, 0.0, 2.0), "", "at RSPV"),
+    ],
+)
+def test_on_the_first_screen_a_place_has_one_direction_and_each_landmark_is_named_once(
+    run: Path, step: tuple[float, float, float], region: str, words: str
+) -> None:
+    mark = np.array([0.0, 0.0, 20.0])
+    assert name_place(read_subject([run]), mark + np.array(step), region) == words
+
+
+@pytest.mark.parametrize(
     ("step", "words"),
     [
         ((0.0, 0.0, -12.0), "12 mm from L0, towards L1"),
@@ -108,6 +128,7 @@ def test_where_the_patients_axes_are_unknown_a_place_is_named_by_two_landmarks(
     last = replace(subject.last, run=replace(subject.last.run, case=unknown))
     unaware = replace(subject, results={subject.last.name: last})
     assert describe_place(unaware, placed["L0"] + np.array(step)) == words
+    assert name_place(unaware, placed["L0"] + np.array(step), "") == words.split(" and ")[0]
     monkeypatch.setattr(place_words, "landmarks_in_map", lambda _: {"L0": placed["L0"]})
     assert describe_place(unaware, placed["L0"] + 12 * np.eye(3)[0]) == "12 mm from L0"
 

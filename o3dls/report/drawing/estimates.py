@@ -11,7 +11,7 @@ from ..subject import Subject
 from ..surfaces.beliefs import BELIEVED, beliefs
 from ..surfaces.display import decimated, displayed
 from .charts import STYLES
-from .fields import Field, known_fields
+from .fields import Field, known_fields, shown_fields
 from .packing import Json, coded, packed
 
 ALL_FACES = 40_000  # shared by the estimates that are not shown at first
@@ -40,7 +40,7 @@ def all_fields(subject: Subject, surfaces: Mapping[str, Surface]) -> list[Field]
     """Return the fields of the estimates shown at first, in the order and with the ranges of the static
     pictures, then those that only others have.
     """
-    first = known_fields([surfaces[name] for name in subject.shown], subject.unit)
+    first = shown_fields(subject)
     keys = {field.key for field in first}
     every = known_fields(list(surfaces.values()), subject.unit)
     return first + [field for field in every if field.key not in keys]

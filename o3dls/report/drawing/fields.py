@@ -20,6 +20,7 @@ from ...geometry.cut_wall import CUT
 from ...geometry.surface import Surface
 from ...quantities import VOLTAGES
 from ..subject import Subject
+from ..surfaces.beliefs import BELIEVED, beliefs
 from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 from .colour_maps import LOW_ENDS, colour_table
 
@@ -82,6 +83,22 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
 
 
+def shown_fields(subject: Subject) -> list[Field]:
+    """List the fields of the estimates that are shown, the most telling first. Distances of the wall share
+    one scale with those of the points, which stand side by side.
+    """
+    end = point_field(subject).high
+    return [
+        replace(one, high=end) if _is_distance(one, subject.unit) else one
+        for one in known_fields(list(subject.surfaces.values()), subject.unit)
+    ]
+
+
+def _is_distance(field: Field, unit: str) -> bool:
+    """Say whether a field is how far something is from the wall, as the points' distances are."""
+    return field.key in (f"{TRUTH}_{unit}", f"{LEFT_OUT}_{unit}")
+
+
 def _other_field(key: str) -> Field:
     colours = "mapping" if key in VOLTAGES or key in STEPS else "electrical"
     return Field(key, key, ELECTRICAL.get(key, ""), colours, step=STEPS.get(key, 0.0))
@@ -128,10 +145,20 @@ def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True)
 
 
 def point_field(subject: Subject) -> Field:
-    """Make the field of the distances from the points to the shown estimates, with one range for all."""
-    gaps = [subject.results[name].point_distances for name in subject.shown]
-    low, high = length_range(np.concatenate(gaps), subject.unit)
-    return Field("points", "distance of the points", subject.unit, "points", low, high)
+    """Make the field of the distances from the points to the shown estimates, with one range for all, which
+    the wall's distances fit too. Points that were judged outliers do not stretch it: they have a mark.
+    """
+    gaps = [_believed_distances(subject, name) for name in subject.shown]
+    known = known_fields(list(subject.surfaces.values()), subject.unit)
+    ends = [one.high for one in known if _is_distance(one, subject.unit)]
+    end = max([length_range(np.concatenate(gaps), subject.unit)[1], *ends])
+    return Field("points", "distance of the points", subject.unit, "points", 0.0, end)
+
+
+def _believed_distances(subject: Subject, name: str) -> Array:
+    result = subject.results[name]
+    belief = beliefs(result.run, result.key)[result.run.points.type != "landmark"]
+    return np.asarray(result.point_distances[~(belief < BELIEVED)])
 
 
 def colours_of(values: Array, field: Field) -> Array:

@@ -14,7 +14,7 @@ from ...arrays import Array
 from ..subject import Subject
 from .caption import caption
 from .colour_maps import colour_table
-from .fields import Field, known_fields, point_field
+from .fields import Field, point_field, shown_fields
 from .pictures import COMPRESSION, pictures
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def draw_pictures(
     figure.
     """
     surfaces = list(subject.surfaces.values())
-    field = known_fields(surfaces, subject.unit)[0]
+    field = shown_fields(subject)[0]
     left, bottom, width, height = box
     each = width / len(surfaces)
     for k, (name, pixels) in enumerate(pictures(subject, behind=behind).items()):

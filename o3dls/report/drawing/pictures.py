@@ -12,14 +12,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ...arrays import Array
-from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..mapping.views import orientation
 from ..markup import Html, tag
 from ..page_parts import image
 from ..subject import Subject
 from .caption import caption, colour_bar, view_name
-from .fields import Field, colours_of, known_fields, point_field
+from .fields import Field, colours_of, known_fields, point_field, shown_fields
+from .painting import paint_field
 
 if TYPE_CHECKING:
     from .raster import View
@@ -40,7 +40,7 @@ def pictures(subject: Subject, *, behind: bool = False) -> dict[str, Any]:
     of_view = _drawn.setdefault(subject, {})
     if behind not in of_view:
         surfaces = list(subject.surfaces.values())
-        field = known_fields(surfaces, subject.unit)[0]
+        field = shown_fields(subject)[0]
         view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
         of_view[behind] = {
             name: _draw_picture(subject, name, surface, field, view)
@@ -52,7 +52,7 @@ def pictures(subject: Subject, *, behind: bool = False) -> dict[str, Any]:
 def static_pictures(subject: Subject) -> Html:
     """Place the pictures from the front into the page, side by side, with the scales of their colours."""
     surfaces = list(subject.surfaces.values())
-    field = known_fields(surfaces, subject.unit)[0]
+    field = shown_fields(subject)[0]
     values = [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
     gaps = [subject.results[name].point_distances for name in subject.shown]
     row = [
@@ -63,7 +63,7 @@ def static_pictures(subject: Subject) -> Html:
         "div",
         tag("div", *row, class_="row"),
         tag("div", colour_bar(field, values), colour_bar(point_field(subject), gaps), class_="row"),
-        tag("p", caption(subject), class_="soft"),
+        tag("p", f"{caption(subject)}. View by the {orientation(subject).known_by}.", class_="soft"),
         class_="static",
     )
 
@@ -83,14 +83,6 @@ def thumbnail(subject: Subject) -> bytes:
     drawn = _draw_picture(subject, name, surface, field, view, THUMBNAIL)
     Image.fromarray(drawn).save(buffer, format="webp", quality=QUALITY)
     return buffer.getvalue()
-
-
-def _hatch_unmapped(surface: Surface, values: Array, unit: str) -> Array:
-    """Return the grey (n,) of the hatching where no point is near, 0 elsewhere: on wall without a value,
-    which is grey itself, it is darker, as the viewer draws it.
-    """
-    far = surface.fields.get(f"distance_to_nearest_point_{unit}", np.zeros(len(values))) > REACH
-    return np.where(far, np.where(np.isfinite(values), 0.72, 0.42), 0.0)
 
 
 def _png_of(pixels: Any) -> bytes:
@@ -123,8 +115,8 @@ def _draw_picture(
     from .raster import Canvas
 
     canvas = Canvas(view, *pixels, (1, 1, 1))
-    values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
-    canvas.surface(surface, colours_of(values, field), _hatch_unmapped(surface, values, subject.unit))
+    remoteness = surface.fields.get(f"distance_to_nearest_point_{subject.unit}")
+    canvas.surface(surface, paint_field(surface, field, remoteness))
     result = subject.results[name]
     points = result.drawn_points
     canvas.balls(

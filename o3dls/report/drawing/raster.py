@@ -4,13 +4,14 @@ machine.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from ...arrays import Array
+from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
@@ -34,6 +35,21 @@ class View:
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The m pixels in which a surface is seen: the corners (m, 3) of the triangle in each and the weights
+    (m, 3) of these, and whether lines of a hatching (m,) are there.
+    """
+
+    corners: Ints
+    weights: Array
+    striped: Mask
+
+    def read(self, values: Array) -> Array:
+        """Return values (n,) or (n, k) of the vertices as they are in the pixels, (m,) or (m, k)."""
+        return np.asarray(np.einsum("mc,mc...->m...", self.weights, values[self.corners]))
+
+
 class Canvas:
     """A canvas is a picture with depth: draw surfaces and balls into it in any order, then take the
     pixels.
@@ -54,15 +70,18 @@ class Canvas:
             [columns / 2 + flat[:, 0] * self._scale, rows / 2 - flat[:, 1] * self._scale, flat[:, 2]]
         )
 
-    def surface(self, surface: Surface, colours: Array, stripes: Array | None = None) -> None:
-        """Draw a surface with a colour per vertex (n, 3) in [0, 1], hatched in the greys (n,) where they are
-        above 0.
-        """
+    def surface(self, surface: Surface, paint: Callable[[Pixels], Array]) -> None:
+        """Draw a surface; `paint` gives the colours (m, 3) in [0, 1] of the pixels in which it is seen."""
         facing = surface.vertex_normals @ self.view.axes[2]
         corners = self._place_on_grid(surface.vertices)
-        shades = np.asarray(colours, dtype=np.float64)
-        hatch = np.zeros(len(shades)) if stripes is None else np.asarray(stripes, dtype=np.float64)
-        _draw_triangles(corners, surface.faces, shades, hatch, facing, self._colour, self._depth)
+        face = np.full(self._depth.shape, -1, dtype=np.int32)
+        found = np.empty((*self._depth.shape, 3))  # weights of the first two corners, and light
+        _draw_triangles(corners, surface.faces, facing, face, found, self._depth)
+        rows, columns = np.nonzero(face >= 0)
+        u, v, light = found[rows, columns].T
+        striped = (rows + columns) % HATCH < 0.4 * HATCH
+        pixels = Pixels(surface.faces[face[rows, columns]], np.column_stack([u, v, 1.0 - u - v]), striped)
+        self._colour[rows, columns] = light[:, None] * paint(pixels)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
@@ -84,7 +103,7 @@ class Canvas:
 
 
 @njit(cache=True, nogil=True)
-def _draw_triangles(corners, faces, colours, stripes, facing, picture, depth):  # type: ignore[no-untyped-def]
+def _draw_triangles(corners, faces, facing, face, found, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     for f in range(len(faces)):
         a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
@@ -110,17 +129,8 @@ def _draw_triangles(corners, faces, colours, stripes, facing, picture, depth):  
                 # rows count down, so a positive area is a face seen from inside
                 most = 1.0 if area < 0.0 else INSIDE
                 light = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
-                nearest = faces[f, 0] if u >= max(v, w) else faces[f, 1] if v >= w else faces[f, 2]
-                lined = stripes[nearest] > 0.0 and (x + y) % HATCH < 0.4 * HATCH
-                for k in range(3):
-                    shade = (
-                        u * colours[faces[f, 0], k]
-                        + v * colours[faces[f, 1], k]
-                        + w * colours[faces[f, 2], k]
-                    )
-                    if lined:
-                        shade = 0.2 * shade + 0.8 * stripes[nearest]
-                    picture[y, x, k] = light * shade
+                face[y, x] = f
+                found[y, x, 0], found[y, x, 1], found[y, x, 2] = u, v, light
 
 
 @njit(cache=True, nogil=True)

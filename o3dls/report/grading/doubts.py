@@ -14,7 +14,7 @@ from ...arrays import Array, Ints, Mask
 from ...evaluation.next_places import MEAN_OVER_SD
 from ...evaluation.regions import VALVE, word
 from ...geometry.surface import Surface
-from ..mapping.place_words import describe_place
+from ..mapping.place_words import name_place
 from ..mapping.wall_regions import wall_regions
 from ..subject import Subject
 from .check import Check, worst_grade
@@ -71,7 +71,7 @@ def _worse(subject: Subject, surface: Surface, of: Ints | None) -> list[Doubt]:
 def _name_part(subject: Subject, k: int, part: WorsePart, region: int | None) -> Doubt:
     """Name the part with number k by its letter in the pictures, its region and its landmarks."""
     letter, inside = chr(ord("A") + k), "" if region is None else word(region)
-    where = ", ".join(filter(None, [f"place {letter}", inside, describe_place(subject, part.place)]))
+    where = ", ".join(filter(None, [f"place {letter}", name_place(subject, part.place, inside)]))
     error = f"{part.error:.1f} {subject.unit}"
     return Doubt(where, f"{error} by the model", part.place, f"{letter}: {error}", inside)
 

@@ -1,4 +1,4 @@
-"""Parts of the mapped wall of which the model is clearly less sure than of the rest.
+"""Parts of the mapped wall of which the model is clearly less sure than of the rest, where that matters.
 
 Parts whose left-out points lie far off are not among them: on cases with known truth, the surface, which has
 these points, is as near to the wall there as elsewhere.
@@ -18,6 +18,7 @@ from ...evaluation.next_places import MEAN_OVER_SD
 from ..subject import Subject
 
 WORSE = 2.0  # times the mean of the mapped wall: less is hardly seen in the pictures
+NOTABLE = 2.0  # mm: less than the tip of an ablation catheter is wide (7 to 8 F, 2.3 to 2.7 mm)
 APART = 2 * REACH  # mm from part to part
 SMALLEST = 0.005  # of the wall: smaller parts by the model are rims of the wall without points
 
@@ -39,7 +40,9 @@ def worse_parts(subject: Subject) -> list[WorsePart]:
 
 
 def _list_parts(subject: Subject) -> Iterator[WorsePart]:
-    """List the parts of the mapped wall where the model expects at least twice the mean error of it."""
+    """List the parts of the mapped wall where the model expects at least twice the mean error of it, and an
+    error that matters.
+    """
     surface = subject.last.estimate.surface
     sd, far = (surface.fields.get(name) for name in (f"sd_{subject.unit}", "prior_only"))
     if sd is None or far is None:
@@ -51,7 +54,9 @@ def _list_parts(subject: Subject) -> Iterator[WorsePart]:
     worse = (area > 0) & (error >= WORSE * (area @ error) / area.sum())
     for k, part in _choose_apart(surface.vertices, error, worse):
         if area[part].sum() >= SMALLEST * surface.area:
-            yield WorsePart(surface.vertices[k], float(np.average(error[part], weights=area[part])))
+            mean = float(np.average(error[part], weights=area[part]))
+            if mean >= NOTABLE:
+                yield WorsePart(surface.vertices[k], mean)
 
 
 def _choose_apart(places: Array, value: Array, worse: Mask) -> Iterator[tuple[int, Mask]]:

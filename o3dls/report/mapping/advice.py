@@ -13,7 +13,7 @@ from ...evaluation.next_places import Advice, Place
 from ...evaluation.regions import word
 from ...evaluation.wall_modes import wall_modes
 from ..subject import Subject
-from .place_words import describe_place, nearest_landmark
+from .place_words import describe_place, name_place, nearest_landmark
 from .wall_regions import advised, landmarks_in_map, wall_regions
 
 SHOWN = 3  # places in the report
@@ -29,12 +29,14 @@ HEAD = (
 @dataclass(frozen=True)
 class Located:
     """A located place has its region (empty where regions are not known), words for where it lies from the
-    nearest landmark, and that with its distance (empty and None where there is none).
+    nearest landmark, fewer words for both, and that landmark with its distance (empty and None where there is
+    none).
     """
 
     place: Place
     region: str
     beside: str
+    name: str
     landmark: str
     landmark_distance: float | None
 
@@ -86,12 +88,14 @@ def located(subject: Subject, found: Advice) -> list[Located]:
     """Return the places of an advice, each with its region and its nearest landmark."""
     of = wall_regions(subject, subject.last.estimate.surface)
     marks = landmarks_in_map(subject)
+    regions = ["" if of is None else word(int(of[one.vertex])) for one in found.places]
     return [
         Located(
             one,
-            "" if of is None else word(int(of[one.vertex])),
+            region,
             describe_place(subject, one.xyz),
+            name_place(subject, one.xyz, region),
             *nearest_landmark(marks, one.xyz),
         )
-        for one in found.places
+        for one, region in zip(found.places, regions, strict=True)
     ]

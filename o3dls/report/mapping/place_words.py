@@ -35,6 +35,22 @@ def describe_place(subject: Subject, place: Array) -> str:
     """Describe where a place (d,) of the map lies from its nearest landmark, such as `12 mm below RIPV`;
     where the patient's axes are not known, by the other landmarks. Empty without landmarks.
     """
+    return _write_way(subject, place, brief=False)
+
+
+def name_place(subject: Subject, place: Array, region: str) -> str:
+    """Name a place (d,) of a region (which may be empty) for the first screen, where it has a number or a
+    letter in the pictures: by one landmark and one direction, such as `roof, 12 mm below RIPV`; a landmark
+    that the region names is not named again, as in `ostium RIPV, 12 mm below`.
+    """
+    said = _write_way(subject, place, brief=True)
+    name, _ = nearest_landmark(landmarks_in_map(subject), place)
+    if name and name in region.split():
+        said = said.removesuffix(name).strip().removesuffix(" of").removesuffix("at")
+    return ", ".join(filter(None, [region, said]))
+
+
+def _write_way(subject: Subject, place: Array, *, brief: bool) -> str:
     marks = landmarks_in_map(subject)
     name, gap = nearest_landmark(marks, place)
     if gap is None:
@@ -43,9 +59,14 @@ def describe_place(subject: Subject, place: Array) -> str:
         return f"at {name}"
     far = f"{gap:.0f} {subject.unit}"
     if len(place) == 3 and subject.unit == "mm" and (seen := orientation(subject)).patient:
-        return f"{far} {' and '.join(_name_sides(seen, place - marks[name]))} {name}"
+        sides = _name_sides(seen, place - marks[name])[: 1 if brief else None]
+        return f"{far} {' and '.join(sides)} {name}"
     others = {other: at for other, at in marks.items() if other != name}
-    return f"{far} from {name}{_name_way(marks[name], place, others, subject.unit)}"
+    way = _name_way(marks[name], place, others)
+    if not (way or brief):
+        second, gap = nearest_landmark(others, place)
+        way = f" and {gap:.0f} {subject.unit} from {second}" if second else ""
+    return f"{far} from {name}{way}"
 
 
 def _name_sides(seen: Orientation, step: Array) -> list[str]:
@@ -56,9 +77,9 @@ def _name_sides(seen: Orientation, step: Array) -> list[str]:
     return [SIDES[k][0 if parts[k] > 0 else 1] for k in named]
 
 
-def _name_way(start: Array, place: Array, others: Mapping[str, Array], unit: str) -> str:
-    """Say towards or away from which of the other landmarks the way to a place leads; where it leads past all
-    of them, how far the place is from the nearest.
+def _name_way(start: Array, place: Array, others: Mapping[str, Array]) -> str:
+    """Say towards or away from which of the other landmarks the way to a place leads; empty where it leads
+    past all of them.
     """
     ways = {name: at - start for name, at in others.items() if (at != start).any()}
     if not ways:
@@ -68,5 +89,4 @@ def _name_way(start: Array, place: Array, others: Mapping[str, Array], unit: str
     name = max(cosines, key=lambda one: abs(cosines[one]))
     if abs(cosines[name]) >= ALONG:
         return f", {'towards' if cosines[name] > 0 else 'away from'} {name}"
-    second, gap = nearest_landmark(others, place)
-    return f" and {gap:.0f} {unit} from {second}"
+    return ""

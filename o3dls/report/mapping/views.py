@@ -23,7 +23,8 @@ OFF_POLE = 0.002  # a view along the body is tilted by so much, so that what is 
 class Orientation:
     """An orientation has unit directions (3,) in the map frame, at right angles, and what they are known by.
 
-    They are the patient's left and front and up, or, where `patient` is false, the prior's x, -y and z.
+    They are the patient's left and front and up, or, where `patient` is false, the prior's x, -y and z, whose
+    sides have numbers: words such as left would be taken for the patient's.
     """
 
     left: Array
@@ -41,8 +42,8 @@ class Orientation:
         """Return the name of each standard view, and the direction (3,) from where it looks."""
         left, front, up = self.left, self.front, self.up
         if not self.patient:
-            sides = {"prior −y": front, "prior +y": -front, "prior +x": left, "prior −x": -left}
-            return sides | {"prior +z": up + OFF_POLE * front, "prior −z": OFF_POLE * front - up}
+            sides = (front, -front, left, -left, up + OFF_POLE * front, OFF_POLE * front - up)
+            return {f"side {k}": at for k, at in enumerate(sides, 1)}
         turn = {"AP": front, "PA": -front, "LAO 45": front + left, "RAO 30": np.sqrt(3) * front - left}
         turn |= {"LL": left, "RL": -left}
         return turn | {"superior": up + OFF_POLE * front, "inferior": OFF_POLE * front - up}
@@ -52,13 +53,13 @@ class Orientation:
         faces.
         """
         if not self.patient:
-            return {letter: f"prior {letter}" for letter in ("+x", "−x", "−y", "+y", "+z", "−z")}
+            return {letter: f"side {letter}" for letter in "341256"}
         return {"L": "LL", "R": "RL", "A": "AP", "P": "PA", "S": "superior", "I": "inferior"}
 
     def sides(self) -> tuple[tuple[str, str], ...]:
         """Name what lies towards left, front and up, each with what lies opposite."""
         if not self.patient:
-            return ("prior +x", "prior −x"), ("prior −y", "prior +y"), ("prior +z", "prior −z")
+            return ("side 3", "side 4"), ("side 1", "side 2"), ("side 5", "side 6")
         return ("left", "right"), ("front", "back"), ("head", "feet")
 
 
@@ -79,7 +80,7 @@ def orientation(subject: Subject) -> Orientation:
         known_by = f"frame of the prior, {case.prior_frame}, in the pose of {subject.last.name}"
         return _turn_directions(in_frame(case.prior_frame, known_by), pose)
     veins = by_veins(_named_landmarks(subject))
-    own = f"prior's own axes, in the pose of {subject.last.name}: the patient's are not known"
+    own = "prior's own sides, opposite ones 1 and 2, 3 and 4, 5 and 6: the patient's axes are not known"
     return veins or _turn_directions(in_frame("LPS", own, patient=False), pose)
 
 

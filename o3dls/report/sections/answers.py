@@ -123,7 +123,7 @@ def _places_to_map(subject: Subject) -> list[str]:
         return []
     named = list[str]()
     for k, one in enumerate(located(subject, advice), 1):
-        where = "" if one.where == "–" else f"{one.where}; "
+        where = f"{one.name}; " if one.name else ""
         named.append(f"{k} ({where}error {'' if named else 'there '}{one.gain} {subject.unit})")
     numbered = "as the pictures number them" if subject.case.dimension == 3 else "as numbered below"
     return [f"take points, {numbered}, at {', '.join(named)}"]

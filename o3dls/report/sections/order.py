@@ -9,7 +9,6 @@ from ..drawing.pictures import static_pictures
 from ..drawing.scene import scene
 from ..grading.doubts import NAMED, doubted_regions
 from ..mapping.sections import next_section, region_section
-from ..mapping.views import orientation
 from ..markup import join, tag
 from ..page_parts import viewer_scripts
 from ..section import Maker, Section
@@ -37,16 +36,13 @@ def picture_section(subject: Subject) -> Section | None:
         "Discs: eam points; squares: ablation points; diamonds: fitted points that were judged "
         "outliers. Hatched: no points here, shape from the image alone. Grey: no value of this colour."
     )
-    seen = orientation(subject)
-    known = subject.case.frame != "unknown"
-    frame = "" if known else f" The case does not say its frame: views are by the {seen.known_by}."
     left = len(subject.runs) - len(subject.shown)
     more = (
         f" The last {len(subject.shown)} runs are shown; the tables have all {len(subject.runs)}."
         if left > 0
         else ""
     )
-    note = tag("p", shapes + frame + more, class_="soft")
+    note = tag("p", shapes + more, class_="soft")
     doubts = doubted_regions(subject, checks(subject))[:NAMED]
     # compiled loops fill pictures on one core while the scene is packed on the other
     whole, flat = both(lambda: scene(subject, doubts), lambda: static_pictures(subject))

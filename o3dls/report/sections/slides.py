@@ -63,8 +63,7 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
             _draw_surfaces(figure, subject, WHOLE)
             draw_caption(figure, caption(subject))
             return {"outlines.png": png(figure)}
-    patient = orientation(subject).patient
-    views = ("ap", "pa") if patient else ("prior_minus_y", "prior_plus_y")
+    views = ("ap", "pa") if orientation(subject).patient else ("side_1", "side_2")
     pictures = (pictures_png(subject), pictures_png(subject, behind=True))
     return {f"surfaces_{view}.png": data for view, data in zip(views, pictures, strict=True)}
 

@@ -57,6 +57,7 @@ function colourPanel(panel) {
   setAttribute(panel.geometry, "value", data);
   if (field && isMoving(panel)) mixField(field);
   softenMissing(panel.geometry);
+  if (field?.names.length && data) softenClasses(panel.geometry, data);
   noteColour(panel);
 }
 
@@ -105,9 +106,10 @@ function setAttribute(geometry, name, data) {
   setArray(geometry, name, data ? unpack(data) : new Float32Array(count).fill(MISSING));
 }
 
-function setArray(geometry, name, values) {
+// Bytes stand for shares within 0 and 1.
+function setArray(geometry, name, values, size = 1) {
   const there = geometry.getAttribute(name);
-  if (!there) return geometry.setAttribute(name, new THREE.BufferAttribute(values, 1));
+  if (!there) return geometry.setAttribute(name, new THREE.BufferAttribute(values, size, values instanceof Uint8Array));
   there.array.set(values); // a buffer that is replaced would stay on the graphics card
   there.needsUpdate = true;
 }

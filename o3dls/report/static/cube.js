@@ -34,7 +34,8 @@ function drawCube(context, height, ratio, ink) {
     context.globalAlpha = within ? 1 : 0.8;
     if (normal.z > 0.01) drawFace(context, corners, ink);
     context.font = `${within ? 600 : 400} ${letter.length > 1 ? 10 : 12}px system-ui, sans-serif`;
-    context.fillText(letter, ...letterAt);
+    if (within) context.fillText(letter, ...letterAt);
+    else writeOver(context, letter, ...letterAt, 3);
   }
   context.restore();
 }

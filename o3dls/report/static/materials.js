@@ -1,23 +1,31 @@
 // How surfaces and points are painted: one table of colours, a light at the camera, a cut plane, and grey or hatching where nothing is known.
 
 const VERTEX = `
-  attribute float shade; // both by missing.js
+  attribute float shade; // these by borders.js
   attribute float known;
+  attribute vec4 shares0;
+  attribute vec4 shares1;
+  attribute vec4 shares2;
+  attribute vec4 shares3;
   attribute float remoteness;
   attribute float occlusion; // share of the light from outside that other wall keeps away, by occlusion.py
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
   varying float vKnown;
-  flat varying float vCode;
+  varying vec4 vShares[4];
   varying float vRemoteness;
   varying float vOcclusion;
   void main() {
     vKnown = known;
+    vShares[0] = shares0;
+    vShares[1] = shares1;
+    vShares[2] = shares2;
+    vShares[3] = shares3;
     vOcclusion = occlusion;
     vNormal = normalMatrix * normal;
     vPosition = (modelMatrix * vec4(position, 1.0)).xyz;
-    vValue = vCode = shade;
+    vValue = shade;
     vRemoteness = remoteness;
     gl_Position = projectionMatrix * viewMatrix * vec4(vPosition, 1.0);
   }`;
@@ -43,19 +51,33 @@ const FRAGMENT = `
   varying vec3 vPosition;
   varying float vValue;
   varying float vKnown;
-  flat varying float vCode;
+  varying vec4 vShares[4];
   varying float vRemoteness;
   varying float vOcclusion;
+  vec3 colourOf(float value) {
+    float t = clamp((value - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
+    return texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
+  }
+  // The share of a pixel that lies on that side of a border where beyond is above 0.
+  float sideOf(float beyond) {
+    return clamp(0.5 + beyond / max(fwidth(beyond), 1e-6), 0.0, 1.0);
+  }
+  vec3 colourOfClass() {
+    vec2 most = vec2(-1.0); // the two largest shares, and the classes that have them
+    vec2 which = vec2(0.0);
+    for (int k = 0; k < 16; k++) {
+      float share = vShares[k / 4][k % 4];
+      if (share > most.x) { most = vec2(share, most.x); which = vec2(float(k), which.x); }
+      else if (share > most.y) { most.y = share; which.y = float(k); }
+    }
+    return mix(colourOf(which.y), colourOf(which.x), sideOf(most.x - most.y));
+  }
   void main() {
     if (dot(vPosition, plane.xyz) > plane.w) discard;
     float facing = abs(normalize(vNormal).z);
-    vec3 colour = plain;
-    float value = coded ? vCode : vValue;
     bool bare = !mapped || vKnown < 0.5; // grey, on which lines in its own grey would not show
-    if (!bare) {
-      float t = clamp((value - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
-      colour = texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
-    }
+    vec3 colour = coded ? colourOfClass() : colourOf(vValue);
+    colour = mix(plain, colour, mapped ? sideOf(vKnown - 0.5) : 0.0);
     float count = vValue / max(isochrones, 1e-6);
     float wide = fwidth(count); // steps per pixel: where lines would merge there are none
     bool line = wide < 0.4 && abs(fract(count + 0.5) - 0.5) < 0.8 * wide;

@@ -51,6 +51,16 @@ function strokeLine(context, line, colour, wide) {
   context.stroke(line);
 }
 
+// Words over an edge in the page's colour, so that points behind them do not hide them.
+function writeOver(context, text, x, y, wide) {
+  context.save();
+  context.lineWidth = wide;
+  context.strokeStyle = getComputedStyle(host).backgroundColor;
+  context.strokeText(text, x, y);
+  context.restore();
+  context.fillText(text, x, y);
+}
+
 function drawScaleBar(context, width, height, ratio, ink) {
   const perUnit = (width * camera.zoom) / (camera.right - camera.left);
   const length = [1, 2, 5, 10, 20, 50, 100, 200].find((n) => n * perUnit > 40 * ratio) || 500;
@@ -64,7 +74,7 @@ function drawScaleBar(context, width, height, ratio, ink) {
   context.font = `${11 * ratio}px system-ui, sans-serif`;
   context.textAlign = "right";
   context.textBaseline = "bottom";
-  context.fillText(`${length} ${scene.units}`, right, height - 18 * ratio);
+  writeOver(context, `${length} ${scene.units}`, right, height - 18 * ratio, 3 * ratio);
   context.textAlign = "start";
 }
 

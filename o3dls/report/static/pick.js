@@ -60,6 +60,7 @@ function describeWall({ panel, geometry, corners, weights }) {
   if (!field) return `${panel.name}: surface, no colour chosen`;
   const [known, value] = ["known", "shade"].map((name) => geometry.getAttribute(name).array).map((array) => corners.reduce((sum, corner, k) => sum + weights[k] * array[corner], 0));
   if (known < 0.5) return `${panel.name}: no ${field.label} here`; // as the picture is drawn
+  if (field.names.length) return `${panel.name}: ${field.label} ${field.names[classAt(geometry, corners, weights)]}`;
   return `${panel.name}: ${field.label} ${withUnit(value, field.unit)}`;
 }
 

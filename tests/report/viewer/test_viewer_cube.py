@@ -79,14 +79,14 @@ def test_the_cube_is_part_of_the_picture_and_turns_with_it(visit: Visit) -> None
     assert (np.abs(corner(visit.picture(1)) - before).max(axis=2) > 100).sum() > 20
 
 
-def test_where_the_patients_axes_are_not_known_faces_are_the_priors(tmp_path: Path, browser: Any) -> None:
+def test_where_the_patients_axes_are_not_known_faces_are_numbered_sides(tmp_path: Path, browser: Any) -> None:
     case = bulged_case()
     mapped = case.points.of("eam", "ablation")
     unnamed = replace(case, points=mapped, frame="unknown", prior_frame="unknown")
     visit = Visit(browser, write_report([finished(tmp_path / "run", unnamed)]))
-    assert sorted(seen_faces(visit)) == sorted(["+x", "−x", "−y", "+z", "−z"])
-    press_face(visit, "−x")
-    assert view_name(visit) == "prior −x"
+    assert sorted(seen_faces(visit)) == sorted("13456")
+    press_face(visit, "4")
+    assert view_name(visit) == "side 4"
     assert visit.errors == []
     visit.page.close()
 
