@@ -37,8 +37,8 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """The m pixels in which a surface is seen: the corners (m, 3) of the triangle in each and the weights
-    (m, 3) of these, and whether lines of a hatching (m,) are there.
+    """Pixels are the m in which a surface is seen: each has the corners (m, 3) of its triangle and the
+    weights (m, 3) of these, and whether lines of a hatching (m,) are there.
     """
 
     corners: Ints
