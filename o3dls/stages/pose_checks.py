@@ -102,11 +102,16 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, own: Candidat
     other_hand = candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]
     if better := better_mirrored(unit, points, best, other_hand):
         return better
-    away = angle_of(own.T_map_prior, best.T_map_prior)
-    if away <= APART or not clearly_better(best.costs, own.costs, points, surface.radius):
+    turned = angle_of(own.T_map_prior, best.T_map_prior)
+    middle = surface.surface.vertices.mean(axis=0, keepdims=True)
+    shift = float(np.linalg.norm(apply(own.T_map_prior, middle) - apply(best.T_map_prior, middle)))
+    if turned <= APART and shift <= APART * surface.radius:  # one pose
         return ""
-    turned = f"ICP ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
-    return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"
+    if not clearly_better(best.costs, own.costs, points, surface.radius):
+        return ""
+    away = f"{np.degrees(turned):.0f} degrees" if turned > APART else f"{shift:.3g} {unit}"
+    worse = f"ICP ended {away} from a pose that fits the points clearly better"
+    return f"{worse}: check the frame of the start, begin with the stage global_pose, or give landmarks"
 
 
 def mirrored_sides(case: Case, points: Array, surface: SurfaceMatcher) -> str:

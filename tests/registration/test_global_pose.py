@@ -20,11 +20,13 @@ from o3dls.geometry.surface import Surface
 from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.registration import global_pose as search_module
-from o3dls.registration.global_pose import angle_of, confidence
+from o3dls.registration.global_pose import Candidate, angle_of, candidates, confidence
 from o3dls.registration.lattice import sample, signed_lattice
+from o3dls.registration.match import SurfaceMatcher
 from o3dls.registration.search import even_rotations, thinned
 from o3dls.stages.global_pose import GlobalPose
 from o3dls.stages.icp import ICP
+from o3dls.stages.pose_checks import better_pose
 
 PRIOR = chamber(24)
 RIGHT = np.radians(10.0)
@@ -56,6 +58,18 @@ def test_where_poses_look_alike_the_confidence_is_low_and_the_status_says_so() -
     assert found.facts["confidence"] < 0.9
     assert not found.converged
     assert "uncertain-pose" in {warning.code for warning in found.warnings}
+
+
+@pytest.mark.parametrize(("shift", "said"), [(60.0, "ICP ended 60 mm from a pose"), (1.0, "")])
+def test_a_pose_that_is_only_shifted_is_another_one_where_it_is_far_off(shift: float, said: str) -> None:
+    points = measured(PRIOR, np.eye(4), noise=0.5).points.of("eam").xyz
+    surface = SurfaceMatcher(PRIOR)
+    best = candidates(points, surface, starts=200, scale=True)[0]
+    off = best.T_map_prior + shift * np.eye(4, 4, 3) * [[1.0], [0.0], [0.0], [0.0]]
+    there = replace(best.alignment, T_map_prior=off, pairs=surface.match(points, off))
+    found = better_pose("mm", points, surface, Candidate.of(there, surface.radius), scale=True)
+    assert found[: len(said)] == said
+    assert bool(found) == bool(said)
 
 
 def test_a_mirrored_prior_is_refused_and_only_on_request_accepted() -> None:
