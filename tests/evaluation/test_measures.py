@@ -8,6 +8,7 @@ from fields import bend, body, spots, wall
 from tiny import sphere
 
 from o3dls.estimate import Estimate
+from o3dls.evaluation.measures.areas import share_below
 from o3dls.evaluation.measures.intervals import LEVEL, measure_samples
 from o3dls.evaluation.measures.numbers import (
     Parts,
@@ -15,7 +16,6 @@ from o3dls.evaluation.measures.numbers import (
     measure_surface,
     named_parts,
     places_on,
-    share_below,
     slopes,
 )
 from o3dls.evaluation.measures.ways import shortest_ways

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...motion.wall.samples import SurfaceSamples
-from .numbers import Parts, Quantity, measure_surface, slopes
+from .numbers import Parts, Quantity, measure_surface, measure_surfaces, slopes
 
 LEVEL = 0.95
 
@@ -45,16 +45,14 @@ def draw_numbers(samples: SurfaceSamples, parts: Parts, values: Array | None = N
     that lies elsewhere in a sample has the value of there, by the field's slope along the wall.
     """
     surface = samples.surface
-    slope = None if values is None else slopes(surface, values)
-    found: dict[Quantity, list[float]] = {}
-    for k, exists in enumerate(samples.exists):
-        there = values
-        if values is not None and slope is not None:
-            shift = samples.vertices[k] - surface.vertices
-            there = values + np.einsum("nd,nd->n", slope, shift)
-        for quantity, value in measure_surface(samples[k], parts, exists, there).items():
-            found.setdefault(quantity, []).append(value)
-    return {quantity: np.array(drawn) for quantity, drawn in found.items()}
+    there = None if values is None else values + _shifts_along(samples, slopes(surface, values))
+    return measure_surfaces(surface, samples.vertices, parts, samples.exists, there)
+
+
+def _shifts_along(samples: SurfaceSamples, slope: Array) -> Array:
+    """Return by how much (k, n) a field of a slope (n, 3) differs where the samples have the vertices."""
+    moved = np.einsum("knd,nd->kn", samples.vertices, slope)
+    return np.asarray(moved - (samples.surface.vertices * slope).sum(axis=1))
 
 
 def _summarise(quantity: Quantity, naive: float, drawn: Array) -> Measure:
