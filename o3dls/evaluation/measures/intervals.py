@@ -35,7 +35,7 @@ def measure_samples(samples: SurfaceSamples, parts: Parts, values: Array | None 
     """Measure a surface and its samples. Parameters as of `draw_numbers`."""
     naive = measure_surface(samples.surface, parts, None, values)
     drawn = draw_numbers(samples, parts, values)
-    return [_summarise(quantity, naive[quantity], values) for quantity, values in drawn.items()]
+    return [summarise(quantity, naive[quantity], values) for quantity, values in drawn.items()]
 
 
 def draw_numbers(samples: SurfaceSamples, parts: Parts, values: Array | None = None) -> dict[Quantity, Array]:
@@ -55,7 +55,8 @@ def _shifts_along(samples: SurfaceSamples, slope: Array) -> Array:
     return np.asarray(moved - (samples.surface.vertices * slope).sum(axis=1))
 
 
-def _summarise(quantity: Quantity, naive: float, drawn: Array) -> Measure:
+def summarise(quantity: Quantity, naive: float, drawn: Array) -> Measure:
+    """Return the measure of a number on the surface, and of those (k,) on its samples."""
     if not np.isfinite(drawn).all():  # nothing of a region is mapped
         return Measure(quantity, naive, np.nan, np.nan, np.nan)
     low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
