@@ -7,6 +7,7 @@ import pytest
 from tiny import sphere
 
 from o3dls.arrays import Array
+from o3dls.evaluation.measures.intervals import WIDER
 from o3dls.evaluation.measures.lesions import Lesions, Scar, draw_lesions, find_border
 from o3dls.evaluation.measures.numbers import Quantity
 from o3dls.geometry.twist import rotation
@@ -79,8 +80,9 @@ def test_a_scar_of_the_wall_goes_with_it_and_one_of_the_map_stays() -> None:
     beyond = HEIGHT - BALL.vertices[:, 2]
     scars = {"wall": Scar(beyond, of_wall=True), "map": Scar(beyond, of_wall=False)}
     _, drawn = measured(turned(ANGLE), lesions(on_ball(polar + 0.4)), **scars)
-    # the axis of the turn leads the pole towards the lesion
-    assert drawn["distance to wall", "a"] == pytest.approx(2.0 * RADIUS * np.sin(0.15), abs=2.0 * MESHED)
+    # the axis of the turn leads the pole towards the lesion, by more than in the sample
+    nearer = 2.0 * RADIUS * np.sin(0.5 * (0.4 - WIDER * ANGLE))
+    assert drawn["distance to wall", "a"] == pytest.approx(nearer, abs=3.0 * MESHED)
     assert drawn["distance to map", "a"] == pytest.approx(2.0 * RADIUS * np.sin(0.2), abs=2.0 * MESHED)
     _, drawn = measured(turned(-0.5), lesions(on_ball(polar - 0.4)), **scars)
     assert (drawn["distance to wall", "a"] > 0.0).all()

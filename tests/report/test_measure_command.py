@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from o3dls import Case, Deform, Pipeline, read_run
 from o3dls.cli.commands import cli
 from o3dls.io.surfaces import write_surface
 from o3dls.io.table import read_table
+from o3dls.report.mapping.measures import measured_section
+from o3dls.report.subject import read_subject
 from tests.chamber import chamber, measured
 from tests.finished import finished, finished_2d
 
@@ -167,3 +170,28 @@ def test_of_a_table_of_points_those_of_ablation_are_the_lesions(folder: Path, tm
     text = "x,y,z,type\n" + "".join(f"{x},{y},{z},{k}\n" for (x, y, z), k in zip(at, kinds, strict=True))
     found = records(folder, "--lesions", write_lesions(tmp_path, text))
     assert {where for what, where in found if what == "gap"} == {"1 to 2"}
+
+
+def test_the_report_has_the_numbers_of_the_whole_wall(folder: Path) -> None:
+    done = said(folder, "--json")
+    found = {(one["what"], one["where"]): one for one in json.loads(done.stdout)["measures"]}
+    section = measured_section(read_subject([folder]))
+    assert section is not None
+    rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', section.body))
+    for what, where in (
+        ("volume", "wall"),
+        ("share below 0.5 mV", "wall"),
+        ("image_ratio at 0.5 mV", "points"),
+    ):
+        cells = re.findall("<td>([^<]*)</td>", rows[what])
+        one = found[what, where]
+        wanted = [one["naive"], one["mean"], *map(one.get, ("low", "high"))]
+        shown = [*cells[1:3], *cells[3].split(" to ")]
+        assert [float(cell) for cell in shown] == pytest.approx(wanted, rel=0.05, abs=0.01)
+    assert any(name.startswith("section diameter, ") for name in rows)
+    assert not any("posterior" in name for name in rows)
+
+
+def test_a_run_without_a_posterior_has_no_such_section(tmp_path: Path) -> None:
+    assert measured_section(read_subject([finished(tmp_path / "without")])) is None
+    assert measured_section(read_subject([finished_2d(tmp_path / "flat")])) is None

@@ -18,6 +18,7 @@ from ...arrays import TINY, Array, Ints
 from ...geometry.surface import Surface, interpolated
 from ...motion.wall.samples import SurfaceSamples
 from ..projection import project
+from .intervals import WIDER
 from .numbers import Quantity
 
 LARGEST = "largest gap"
@@ -58,7 +59,7 @@ def draw_lesions(
     normal = np.einsum("nc,ncd->nd", met.weights, surface.vertex_normals[corners])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), TINY)[:, None]
     moved = samples.vertices[:, corners] - surface.vertices[corners]
-    moved = np.einsum("kncd,nc->knd", moved, met.weights)
+    moved = WIDER * np.einsum("kncd,nc->knd", moved, met.weights)
     error = lesions.noise[:, None] * rng.standard_normal(moved.shape)
     aside = error - _along(error, normal)
     at = np.concatenate(
@@ -116,11 +117,13 @@ def _measure_far(samples: SurfaceSamples, scar: Scar, at: Array, place: Array) -
     ends, share = find_border(surface, scar.beyond)
     if not len(ends):
         return np.full(at.shape[:2], np.nan)
-    walls = np.concatenate([surface.vertices[None], samples.vertices]) if scar.of_wall else None
-    far = np.empty(at.shape[:2])
-    border = _between(surface.vertices, ends, share)
+    border, far = _between(surface.vertices, ends, share), np.empty(at.shape[:2])
     for k, lesions in enumerate(at):
-        far[k] = cdist(lesions, border if walls is None else _between(walls[k], ends, share)).min(axis=1)
+        moved = k > 0 and scar.of_wall
+        there = (
+            border + WIDER * (_between(samples.vertices[k - 1], ends, share) - border) if moved else border
+        )
+        far[k] = cdist(lesions, there).min(axis=1)
     met = project(place.reshape(-1, 3), surface)
     beyond = interpolated(scar.beyond, surface.faces[met.face], met.weights).reshape(far.shape)
     return np.where(beyond < 0.0, 0.0, far)

@@ -49,26 +49,28 @@ def measure_surface(
     """Return what is measured on one surface, of whose vertices there are exists (n,) and have values (n,).
     Parameters else as of `measure_surfaces`.
     """
-    there = None if exists is None else exists[None]
     known = None if values is None else values[None]
-    found = measure_surfaces(surface, surface.vertices[None], parts, there, known)
-    return {quantity: float(numbers[0]) for quantity, numbers in found.items()}
+    there = None if exists is None else exists[None]
+    whole, present = measure_surfaces(surface, surface.vertices[None], parts, known, there)
+    return {quantity: float(numbers[0]) for quantity, numbers in (whole | present).items()}
 
 
 def measure_surfaces(
-    surface: Surface, vertices: Array, parts: Parts, exists: Mask | None = None, values: Array | None = None
-) -> dict[Quantity, Array]:
+    surface: Surface, vertices: Array, parts: Parts, values: Array | None = None, exists: Mask | None = None
+) -> tuple[dict[Quantity, Array], dict[Quantity, Array]]:
     """Return what is measured, (k,) each, on surfaces that have the faces of one and vertices (k, n, 3) in
-    mm: volumes (ml), areas of regions (cm²) where there is wall (exists (k, n)), with what of them has values
-    (k, n) below the thresholds; areas (cm²) and diameters (mm) of the sections of tubes; straight distances
-    (mm) of places, and lengths (mm) of ways along the wall.
+    mm, as if all of the wall existed: volumes (ml); areas of regions (cm²), with what of them has values (k,
+    n) below the thresholds; areas (cm²) and diameters (mm) of the sections of tubes; straight distances (mm)
+    of places, and lengths (mm) of ways along the wall. Second, what it is instead where exists (k, n) is
+    given: areas of what exists.
 
     The section of a tube is spanned by the border of its vertices: its area is the length of the sum of the
     area vectors of the faces beyond, which depends on the border alone (Stokes); its diameter is that of the
     circle of this area. A face counts to a region by its corners in it. Shares are of the area where values
     are known, which are linear on each face.
     """
-    found = _measure_areas(surface, vertices, parts, exists, values)
+    volumes, whole, present = _sum_areas(surface, vertices, parts, values, exists)
+    found = {Quantity("volume", WHOLE, "ml"): volumes / ML} | _name_areas(parts, whole)
     for name, beyond in parts.tubes.items():
         corners = np.moveaxis(vertices[:, surface.faces[beyond[surface.faces].all(axis=1)]], 2, 0)
         across = np.cross(corners[1] - corners[0], corners[2] - corners[0]).sum(axis=1)
@@ -81,23 +83,28 @@ def measure_surfaces(
     for (a, b), way in parts.ways.items():
         steps = np.diff(vertices[:, way], axis=1)
         found[Quantity("length", f"{a} to {b}", "mm")] = np.linalg.norm(steps, axis=2).sum(axis=1)
-    return found
+    return found, {} if exists is None else _name_areas(parts, present)
 
 
-def _measure_areas(
-    surface: Surface, vertices: Array, parts: Parts, exists: Mask | None, values: Array | None
-) -> dict[Quantity, Array]:
-    """Return volumes (k,), and by region areas (k,), areas below the thresholds and their shares."""
+def _sum_areas(
+    surface: Surface, vertices: Array, parts: Parts, values: Array | None, exists: Mask | None
+) -> tuple[Array, Array, Array]:
+    """Return volumes (k,) and by region the areas (r, a, k) of `measure_areas`, of all and of what exists."""
     inside = np.array(list(parts.regions.values()), dtype=np.float64).reshape(-1, vertices.shape[1])
-    volumes, sums = np.zeros(len(vertices)), list[Array]()
+    volumes, whole, present = np.zeros(len(vertices)), list[Array](), list[Array]()
     for first in range(0, len(vertices), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         known = None if values is None else values[rows]
         volumes[rows], areas = measure_areas(vertices[rows], surface.faces, parts.thresholds, known)
-        areas = areas if exists is None else areas * exists[rows, None]
-        sums.append(areas @ inside.T)
-    found = {Quantity("volume", WHOLE, "ml"): volumes / ML}
-    for name, (area, mapped, *low) in zip(parts.regions, np.concatenate(sums).T, strict=True):
+        whole.append(areas @ inside.T)
+        present.append(whole[-1] if exists is None else (areas * exists[rows, None]) @ inside.T)
+    return volumes, np.concatenate(whole).T, np.concatenate(present).T
+
+
+def _name_areas(parts: Parts, sums: Array) -> dict[Quantity, Array]:
+    """Return by region areas (k,), areas below the thresholds and their shares."""
+    found = dict[Quantity, Array]()
+    for name, (area, mapped, *low) in zip(parts.regions, sums, strict=True):
         found[Quantity("area", name, "cm²")] = area / CM2
         for threshold, below in zip(parts.thresholds, low, strict=False):  # without values there are none
             what = f"below {threshold:g} {parts.unit}"

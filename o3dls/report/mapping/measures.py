@@ -14,21 +14,24 @@ from ...errors import InputError, did_you_mean
 from ...evaluation.distances import moved
 from ...evaluation.electrical import ELECTRICAL
 from ...evaluation.measures.intervals import Measure, measure_samples
-from ...evaluation.measures.numbers import Parts, named_parts, places_on
+from ...evaluation.measures.numbers import WHOLE, Parts, named_parts, places_on
 from ...evaluation.measures.ways import shortest_ways
 from ...evaluation.regions import REGIONS, tubes, valve_of, word
 from ...geometry.surface import Surface
 from ...io.table import write_table
+from ...motion.posterior import wall_posterior
 from ...quantities import VOLTAGES
 from ...runs.folder import check_not_of_a_run
+from ..markup import Child, table
+from ..section import Section
 from ..subject import Subject, read_subject
-from .on_wall import Field, measure_lesions, measure_line, wall_field
+from .on_wall import POINTS, Field, measure_lesions, measure_line, wall_field
 from .wall_regions import landmarks_in_map, wall_regions
 
 COLUMNS = ("what", "where", "unit", "naive", "mean", "low", "high")
 NOTICE = (
-    "low and high: 95 % of the samples of the surface. They hold the error of the registration, and not that "
-    "of values between the points. Research use only; not a measurement for a patient's record."
+    "low and high: 95 % intervals, by samples of the surface. They hold the error of the registration, and "
+    "not that of values between the points. Research use only; not a measurement for a patient's record."
 )
 
 
@@ -125,6 +128,37 @@ def _carried_landmarks(subject: Subject) -> dict[str, Array]:
     if not named:
         return {}
     return dict(zip(named, moved(subject.last.estimate, np.array(list(named.values()))), strict=True))
+
+
+def measured_section(subject: Subject) -> Section | None:
+    """Tabulate numbers of the whole wall and of its openings with their intervals; None in 2D, in pixels, and
+    where the last estimate has no posterior.
+    """
+    if (
+        subject.case.dimension == 2
+        or subject.unit != "mm"
+        or wall_posterior(subject.last.estimate.motion) is None
+    ):
+        return None
+    found = [one for one in measure_subject(subject) if _is_shown(one)]
+    head: list[Child] = ["number", "unit", "surface alone", "mean", "95 % interval"]
+    rows: list[list[Child]] = []
+    for one in found:
+        name = one.quantity.what if one.quantity.where in (WHOLE, POINTS) else ", ".join(one.quantity[:2])
+        known = np.isfinite([one.low, one.high]).all()
+        interval = f"{_show(one.low)} to {_show(one.high)}" if known else "–"
+        rows.append([name, one.quantity.unit, _show(one.naive), _show(one.mean), interval])
+    note = (
+        f"Of {subject.last.name}. Intervals hold the error of the registration, and that there may be no "
+        "wall; not that of values between the points. o3dls measure has regions, distances and lesions too. "
+        "Not a measurement for a patient's record."
+    )
+    return Section("measured", "Numbers with their intervals", table(head, rows, note))
+
+
+def _is_shown(one: Measure) -> bool:
+    """Return whether a number is of the whole wall, of an opening's size, or of the line of the values."""
+    return one.quantity.where in (WHOLE, POINTS) or one.quantity.what == "section diameter"
 
 
 def as_text(subject: Subject, found: list[Measure]) -> str:

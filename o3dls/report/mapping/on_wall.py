@@ -28,6 +28,7 @@ from ..subject import Subject
 from ..surfaces.beliefs import BELIEVED, beliefs
 
 FROM_IMAGE = Path(FOLDER) / "result.vtp"
+POINTS = "points"  # where a line is measured
 Field = tuple[str, Array]
 
 
@@ -75,11 +76,11 @@ def measure_line(
     if line is None:
         return []
     said = f"slope of {'ln ' if log else ''}{column} over {name}"
-    slope = Quantity(said, "points", "1")
+    slope = Quantity(said, POINTS, "1")
     found = [Measure(slope, float(line.naive[1]), float(line.found[1]), *line.slope_interval(LEVEL))]
     for threshold in thresholds:
         at = float(np.log(threshold)) if log else threshold
-        where = Quantity(f"{name} at {threshold:g} {ELECTRICAL[column]}", "points", "1")
+        where = Quantity(f"{name} at {threshold:g} {ELECTRICAL[column]}", POINTS, "1")
         ends = line.crossing_interval(at, LEVEL)
         found.append(Measure(where, crossing(line.naive, at), crossing(line.found, at), *ends))
     return found
