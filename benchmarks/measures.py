@@ -8,9 +8,10 @@ octant below the median of a field that stays in the map (a wave of 40 mm in eac
 vertices are measured on the true wall. Eight lesions on it, measured within 1 mm per axis, have gaps along a
 line, and distances to a scar of the wall: where another wave is high.
 
-Columns: how many numbers; how many true ones the 95 % intervals hold; the mean error of the naive number over
+Columns: how many numbers; how many true ones the 95 % intervals hold, and how many the quantiles of the
+samples as they are drawn; the mean error of the naive number over
 the true one, and its rms, in percent (of shares in points, of lesions in mm); and the histogram of the
-truth's rank among 200 samples as they are drawn, in fifths, in percent (simulation-based calibration): 20
+truth's rank among these 200 samples, in fifths, in percent (simulation-based calibration): 20
 each where samples are calibrated, more at the ends where they are too narrow.
 
 Below: the processor's seconds that a case takes, from the motion to the intervals of 200 samples.
@@ -60,14 +61,15 @@ class Judged:
     """Numbers of one kind are collected over cases: the true ones, the naive ones, and what samples say."""
 
     def __init__(self) -> None:
-        self.true, self.naive, self.within, self.rank = (list[float]() for _ in range(4))
+        self.true, self.naive, self.within, self.in_plain, self.rank = (list[float]() for _ in range(5))
 
     def take(self, true: float, naive: float, drawn: Array, samples: Array) -> None:
         """Take a true number, the naive one, what it may be (n,), and those (n,) of the samples."""
-        low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
         self.true.append(true)
         self.naive.append(naive)
-        self.within.append(float(low <= true <= high))
+        for held, numbers in ((self.within, drawn), (self.in_plain, samples)):
+            low, high = np.quantile(numbers, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+            held.append(float(low <= true <= high))
         self.rank.append(float((samples < true).mean()))
 
     def cells(self, kind: str) -> list[str]:
@@ -76,12 +78,11 @@ class Judged:
         plain = kind.startswith("share") or kind in OF_LESIONS
         off = naive - true if plain else 100.0 * (naive / np.where(plain, 1.0, true) - 1.0)
         counts = np.histogram(self.rank, FIFTHS, (0.0, 1.0))[0]
-        held = f"{100.0 * np.mean(self.within):.1f}"
         spread_over = " ".join(f"{100.0 * count / len(true):.0f}" for count in counts)
         return [
             kind,
             str(len(true)),
-            held,
+            *(f"{100.0 * np.mean(held):.1f}" for held in (self.within, self.in_plain)),
             f"{off.mean():+.2f}",
             f"{np.sqrt((off**2).mean()):.2f}",
             spread_over,
@@ -169,7 +170,7 @@ def wave(at: Array) -> Array:
 
 def table(judged: dict[str, Judged]) -> str:
     """A row for each kind of number."""
-    head = ["number", "n", "% in 95 %", "naive off, %", "rms, %", "ranks in fifths, %"]
+    head = ["number", "n", "% in 95 %", "of samples", "naive off, %", "rms, %", "ranks in fifths, %"]
     return lay_out([head, *(one.cells(kind) for kind, one in judged.items())])
 
 

@@ -79,7 +79,7 @@ def test_places_and_numbers_of_a_case_are_judged(case: Case) -> None:
 def test_a_number_that_lies_outside_of_its_samples_is_told() -> None:
     one = Judged()
     drawn = np.linspace(9.0, 11.0, 101)
-    one.take(10.0, 10.2, drawn, drawn)
+    one.take(10.0, 10.2, drawn, drawn + 5.0)
     one.take(12.0, 9.0, drawn, drawn)
     assert one.within == [1.0, 0.0]
-    assert one.cells("volume")[2:] == ["50.0", "-11.50", "17.73", "0 0 50 0 50"]
+    assert one.cells("volume")[2:] == ["50.0", "0.0", "-11.50", "17.73", "50 0 0 0 50"]
