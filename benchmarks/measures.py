@@ -47,6 +47,7 @@ from o3dls.geometry.inner_balls import depth_in_tubes
 from o3dls.geometry.spread import spread
 from o3dls.geometry.surface import Surface
 from o3dls.motion.wall.samples import SurfaceSamples
+from o3dls.parallel import one_blas_thread
 
 SAMPLES, SEED = 200, 40_193
 DEEP, LEAST = 5.0, 40  # mm out of the chamber; vertices of a tube
@@ -89,6 +90,7 @@ class Judged:
         ]
 
 
+@one_blas_thread()
 def judge_case(case: Case, estimate: Estimate, judged: dict[str, Judged]) -> float:
     """Measure an estimate that has the vertices of the prior, and the true wall, take that in, and return the
     processor's seconds that our numbers take.

@@ -20,6 +20,7 @@ from ...evaluation.regions import REGIONS, tubes, valve_of, word
 from ...geometry.surface import Surface
 from ...io.table import write_table
 from ...motion.posterior import wall_posterior
+from ...parallel import one_blas_thread
 from ...quantities import VOLTAGES
 from ...runs.folder import check_not_of_a_run
 from ..markup import Child, table
@@ -67,6 +68,7 @@ def measure_run(folder: Path, asked: Asked = Asked()) -> tuple[Subject, list[Mea
     return subject, measure_subject(subject, asked)
 
 
+@one_blas_thread()
 def measure_subject(subject: Subject, asked: Asked = Asked()) -> list[Measure]:
     """Measure the last surface of a subject; as `measure_run`."""
     folder = subject.folders[0] if subject.folders else Path(subject.case.name)
