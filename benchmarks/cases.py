@@ -12,11 +12,11 @@ into the cases only. Development cases (the default, seeds below 1000) are for c
 benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `poses` crosses twenty patients' atria without landmarks, from a rough pose and in an unknown frame;
-`families` moves all fifteen for judging, by other motions; `unvisited`, `whole` and `badly_segmented`
-have a patient's own atrium as the prior, and a map that leaves wall out, a dense one, or a prior that lacks
-wall, `paths` a map that is taken along a path; `one_sided` a wall that is folded on one side, or points that
-float there; `altered` has something wrong, and healthy cases beside it. Crossed cases say
-prior_of = "template". Names are groups and seeds as benchmarks.accuracy reads them:
+`families` moves all fifteen for judging, by other motions, `lasc` the atria of lasc2018; `unvisited`, `whole`
+and `badly_segmented` have a patient's own atrium as the prior, and a map that leaves wall out, a dense one,
+or a prior that lacks wall, `paths` a map that is taken along a path; `one_sided` a wall that is folded on one
+side, or points that float there; `altered` has something wrong, and healthy cases beside it. Crossed cases
+say prior_of = "template". Names are groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     cross_250_1_even_<rough|unknown>_<seed>                        without landmarks
@@ -114,6 +114,7 @@ FIRST_SEED = {
     "cross": {False: 101, True: 2101},
     "pairs": {False: 501, True: 2501},
     "families": {False: 301, True: 2301},
+    "lasc": {False: 651, True: 2651},
     "unvisited": {False: 701, True: 2701},
     "altered": {False: 701, True: 2701},
     "badly_segmented": {False: 901, True: 2901},
@@ -376,6 +377,20 @@ def moved(judging: bool) -> Iterator[Wanted]:
             yield Wanted(f"{group}_{seed}", seed, how, prior, family=name, motion=motion, landmarks=landmarks)
 
 
+def moved_of_lasc(judging: bool) -> Iterator[Wanted]:
+    """Every atrium of lasc2018 by a motion, plain and large, with landmarks: families, and maps that are even
+    or in clusters, take turns.
+    """
+    for motion in MOTIONS:
+        for k, number in enumerate(LASC[judging]):
+            seed = FIRST_SEED["lasc"][judging] + k
+            name = list(FAMILIES)[k % len(FAMILIES)]
+            clustered = k // len(FAMILIES) % 2 == 0
+            how = Mapping(250, None, clustered, OUTLIERS if clustered else 0.0)
+            named = f"family_{name}_{motion:g}_landmarks_{seed}"
+            yield Wanted(named, seed, how, f"lasc2018/la_{number}.ply", family=name, motion=motion)
+
+
 @dataclass(frozen=True)
 class Unvisited:
     """A case by its name, and what it is made of."""
@@ -596,6 +611,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "pairs": paired,
     "poses": without_landmarks,
     "families": moved,
+    "lasc": moved_of_lasc,
     "unvisited": left_out,
     "whole": densely_mapped,
     "paths": along_paths,

@@ -6,7 +6,10 @@ posterior: the mean error in space, along the true wall's normal and in the wall
 truth lies in the 95 % ellipsoid, and in the 95 % bands along the normal and in the wall; all in mapped wall,
 within 10 mm of a mapping point, and beside it in the rest. `q` is the mean squared Mahalanobis distance over
 its 3 degrees of freedom: 1 where the ellipsoids are right, more where they are too small; `q normal` and
-`q wall` the same of the part along the normal (1) and of that in the wall (2). Places go with the motion,
+`q wall` the same of the part along the normal (1) and of that in the wall (2). Ranks are the histogram of the
+true place among the posterior's samples, along the normal and along two directions in the wall, in fifths, in
+percent (simulation-based calibration): 20 each where the posterior is calibrated, more at both ends where it
+is too narrow. Places go with the motion,
 which `level_set` leaves as it is: its row differs from that of `deform` where `topology` has fitted another.
 
     python -m benchmarks.cases families cases --data ../shared/data --judging
@@ -23,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.stats import norm
 
 from benchmarks.accuracy import ours
 from benchmarks.cases import find
@@ -34,9 +38,12 @@ from o3dls.evaluation.interpolation import REACH
 from o3dls.evaluation.statistics import band
 from o3dls.motion.posterior import wall_posterior
 
+FIFTHS = 5
 Record = dict[str, Any]
 STAGES = ("icp", "deform", "level_set")
 COLUMNS = ("error", "along", "in_wall", "in_95", "in_95_along", "in_95_wall", "q", "q_along", "q_wall")
+UNMAPPED = tuple(f"{name}_unmapped" for name in COLUMNS)
+RANKS = ("rank_along", "rank_wall")
 
 
 def place_errors(case: Case, estimate: Estimate) -> Record:
@@ -95,19 +102,27 @@ def _judge_errors(error: Array, normals: Array, covariance: Array) -> dict[str, 
         squared = np.einsum("nk,nk->n", part, np.linalg.solve(own, part[:, :, None])[:, :, 0])
         free = part.shape[1]
         found |= {f"q{name}": squared / free, f"in_95{name}": squared <= band(0.95, free) ** 2}
+        if name:
+            # the posterior is Gaussian: the share of its samples below the truth
+            below = norm.cdf(part / np.sqrt(np.einsum("nkk->nk", own)))
+            found |= {f"rank{name}_{k}": _in_fifth(below, k).mean(axis=1) for k in range(FIFTHS)}
     return found
+
+
+def _in_fifth(share: Array, k: int) -> Array:
+    return np.minimum(np.floor(FIFTHS * share), FIFTHS - 1) == k
 
 
 def table(records: list[Record]) -> str:
     """A row for each group of cases and stage, with means of cases; shares in percent."""
-    rows = [["group", "stage", "cases", *COLUMNS, *(f"{name}_unmapped" for name in COLUMNS)]]
+    rows = [["group", "stage", "cases", *COLUMNS, *UNMAPPED, *RANKS]]
     groups = dict.fromkeys(record["group"] for record in records)
     for group in (*groups, *(["all"] if len(groups) > 1 else [])):
         for stage in STAGES:
             own = [r for r in records if group in (r["group"], "all") and r["stage"] == stage]
             if own:
-                cells = [_show_mean(own, name) for name in rows[0][3:]]
-                rows.append([group, stage, str(len(own)), *cells])
+                cells = [_show_mean(own, name) for name in (*COLUMNS, *UNMAPPED)]
+                rows.append([group, stage, str(len(own)), *cells, *(_show_ranks(own, one) for one in RANKS)])
     return lay_out(rows)
 
 
@@ -116,6 +131,12 @@ def _show_mean(records: list[Record], name: str) -> str:
     if not values:
         return ""
     return f"{100 * np.mean(values):.1f}" if name.startswith("in_95") else f"{np.mean(values):.2f}"
+
+
+def _show_ranks(records: list[Record], name: str) -> str:
+    """The histogram of ranks, as the mean of cases."""
+    parts = [[record[f"{name}_{k}"] for record in records if f"{name}_{k}" in record] for k in range(FIFTHS)]
+    return " ".join(f"{100 * np.mean(part):.0f}" for part in parts) if all(parts) else ""
 
 
 def main() -> None:

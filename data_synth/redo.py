@@ -50,7 +50,7 @@ def redo(prior: Surface, seed: int, area: float, how: Mapping | None = None) -> 
     values, lesion, *beats = np.random.default_rng((seed, 62_903)).spawn(4)
     first = _voltage(values, prior)
     scar = _new_scar(lesion, prior, first, 100.0 * area) if area else np.zeros(len(first))
-    low = np.minimum(lesion.uniform(*NEW_LOW) * np.exp(_rough_field(lesion, prior, *PATCHY)), first)
+    low = np.minimum(lesion.uniform(*NEW_LOW) * np.exp(rough_field(lesion, prior, *PATCHY)), first)
     gain = float(np.exp(lesion.uniform(*np.log(GAIN))))
     second = gain * first ** (1.0 - scar) * low**scar
     fields = [{VOLTAGE: v, CHANGED: (scar > 0.5).astype(np.float64)} for v in (first, second)]
@@ -59,19 +59,29 @@ def redo(prior: Surface, seed: int, area: float, how: Mapping | None = None) -> 
         for k, beat in enumerate(beats)
     ]
     before, after = (
-        _map_wall(beat, prior, replace(moved, fields=own), how or Mapping(points=500), f"redo_{seed}_{name}")
+        map_wall(beat, prior, replace(moved, fields=own), how or Mapping(points=500), f"redo_{seed}_{name}")
         for beat, moved, own, name in zip(beats, walls, fields, ("before", "after"), strict=True)
     )
     return Redo(before, after, gain)
 
 
-def _map_wall(rng: np.random.Generator, prior: Surface, truth: Surface, how: Mapping, name: str) -> Case:
-    """The map of a wall with its voltages, as `mapped` takes it, without points inside."""
+def map_wall(
+    rng: np.random.Generator,
+    prior: Surface,
+    truth: Surface,
+    how: Mapping,
+    name: str,
+    value_noise: tuple[float, float] = VALUE_NOISE,
+) -> Case:
+    """The map of a wall with its voltages (field `bipolar_true`), as `mapped` takes it, without points
+    inside. Fields of the wall that the prior has too are columns of the points, as they are at the true
+    sites. value_noise: sd of a value's logarithm, and mV.
+    """
     hidden = _hide(rng, truth, UNSEEN if how.clustered else 0.0)
     density = sampling.clustered(rng, truth, ~hidden) if how.clustered else 1.0 * ~hidden
     at = sampling.sites(rng, truth, how.points, density)
     value = np.exp(at.read(truth, np.log(truth.fields[VOLTAGE])))  # half way over a border is half its ratio
-    spread, floor = VALUE_NOISE
+    spread, floor = value_noise
     value = value * np.exp(spread * rng.normal(size=how.points)) + floor * rng.normal(size=how.points)
     places = wall.far_places(prior, len(LANDMARKS))
     marks = np.array(list(named(truth, places).values()))
@@ -85,6 +95,8 @@ def _map_wall(rng: np.random.Generator, prior: Surface, truth: Surface, how: Map
         "name": np.array([""] * how.points + list(LANDMARKS)),
         "bipolar": np.append(np.maximum(value, 0.01), none).round(3),
     }
+    for field in truth.fields.keys() & prior.fields.keys():
+        columns[f"{field}_true"] = np.append(at.read(truth, truth.fields[field]), none).round(5)
     points = Points(xyz.round(3), np.repeat(["eam", "landmark"], [how.points, len(marks)]), columns)
     test = sampling.sites(rng, truth, HELD_OUT)
     known = Truth(truth, test.xyz, hidden[test.face], ways_of(prior, truth), np.zeros(0, dtype=np.int64))
@@ -103,32 +115,32 @@ def _hide(rng: np.random.Generator, truth: Surface, share: float) -> Mask:
 
 def _voltage(rng: np.random.Generator, surface: Surface) -> Array:
     """A field of voltages (n,) in mV: smooth, patchy, with old scars."""
-    found = np.log(HEALTHY) + _rough_field(rng, surface, *SMOOTH) + _rough_field(rng, surface, *PATCHY)
+    found = np.log(HEALTHY) + rough_field(rng, surface, *SMOOTH) + rough_field(rng, surface, *PATCHY)
     for middle in rng.choice(wall.far_places(surface, 8), OLD_SCARS, replace=False):
         away = wall.ways(surface, np.array([middle]))[0]
-        found += _inside(away - rng.uniform(*OLD_RADIUS), 1.0) * (np.log(rng.uniform(*OLD_LOW)) - found)
+        found += inside_of(away - rng.uniform(*OLD_RADIUS), 1.0) * (np.log(rng.uniform(*OLD_LOW)) - found)
     return np.asarray(np.exp(found))
 
 
 def _new_scar(rng: np.random.Generator, surface: Surface, before: Array, area: float) -> Array:
     """A patch (n,) in [0, 1] of an area in mm² with an uneven border, where the wall was healthy."""
     weight = wall.vertex_areas(surface)
-    wobble = np.maximum(1.0 + _rough_field(rng, surface, *WOBBLE), 0.5)
+    wobble = np.maximum(1.0 + rough_field(rng, surface, *WOBBLE), 0.5)
     for middle in rng.permutation(len(before)):
         away = wall.ways(surface, np.array([middle]))[0] / wobble
         order = np.argsort(away)
         taken = order[: int(np.searchsorted(np.cumsum(weight[order]), area))]
         if weight[taken] @ (before[taken] > HEALTHY_FROM) > HEALTHY_SHARE * weight[taken].sum():
             break
-    return _inside(away - away[taken].max(), RIM)
+    return inside_of(away - away[taken].max(), RIM)
 
 
-def _inside(beyond: Array, rim: float) -> Array:
+def inside_of(beyond: Array, rim: float) -> Array:
     """1 inside a border, 0 outside, by how far (n,) in mm a place lies beyond it."""
     return np.asarray(1.0 / (1.0 + np.exp(np.clip(beyond / rim, -50.0, 50.0))))
 
 
-def _rough_field(rng: np.random.Generator, surface: Surface, length: float, sd: float) -> Array:
+def rough_field(rng: np.random.Generator, surface: Surface, length: float, sd: float) -> Array:
     """A random field (n,) that varies over a length."""
     found = wall.smoothed(surface, rng.normal(size=(len(surface.vertices), 1)), length)
     found = wall.smoothed(surface, found, length)[:, 0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from benchmarks.measures import Judged, judge_case, table
 from benchmarks.places import _judge_errors, place_errors
@@ -38,6 +38,13 @@ def test_ellipsoids_hold_as_many_errors_as_their_size_says(factor: float) -> Non
     for part in ("q", "q_along", "q_wall"):
         assert found[part].mean() == pytest.approx(factor**2, rel=0.04)
     assert found["in_95"].mean() == pytest.approx(share_within(factor), abs=0.01)
+    for part in ("along", "wall"):
+        ranks = [found[f"rank_{part}_{k}"].mean() for k in range(5)]
+        edge = norm.cdf(norm.ppf(0.2) / factor)  # more at the ends, where errors are larger than stated
+        assert ranks == pytest.approx(
+            [edge, norm.cdf(norm.ppf(0.4) / factor) - edge, ranks[2], ranks[1], edge], abs=0.01
+        )
+        assert sum(ranks) == pytest.approx(1.0)
 
 
 def share_within(factor: float) -> float:
@@ -61,8 +68,8 @@ def test_places_and_numbers_of_a_case_are_judged(case: Case) -> None:
     assert f"{100 * found['in_95']:.1f}" in rows[1]
 
     judged = dict[str, Judged]()
-    judge_case(case, estimate, judged)
-    assert {"volume", "area", "share below", "distance"} <= judged.keys()
+    assert judge_case(case, estimate, judged) > 0.0
+    assert {"volume", "area", "share below", "distance", "gap", "distance to scar"} <= judged.keys()
     assert judged["volume"].true == [pytest.approx(case.truth.surface.volume / 1000.0)]  # type: ignore[union-attr]
     assert len(judged["distance"].within) == 15
     assert all(0.0 <= rank <= 1.0 for one in judged.values() for rank in one.rank)
@@ -72,7 +79,7 @@ def test_places_and_numbers_of_a_case_are_judged(case: Case) -> None:
 def test_a_number_that_lies_outside_of_its_samples_is_told() -> None:
     one = Judged()
     drawn = np.linspace(9.0, 11.0, 101)
-    one.take(10.0, 10.2, drawn)
-    one.take(12.0, 9.0, drawn)
+    one.take(10.0, 10.2, drawn, drawn + 5.0)
+    one.take(12.0, 9.0, drawn, drawn)
     assert one.within == [1.0, 0.0]
-    assert one.cells("volume")[2:] == ["50.0", "-11.50", "17.73", "0 0 50 0 50"]
+    assert one.cells("volume")[2:] == ["50.0", "0.0", "-11.50", "17.73", "50 0 0 0 50"]

@@ -17,15 +17,19 @@ from .words import FILE, FOLDER, complain, say_lines
 @click.option("--column", default="bipolar", show_default=True, help="value of the points that is compared")
 @click.option("--samples", type=click.IntRange(min=20), default=200, show_default=True, help="of the surface")
 @click.option("--seed", default=0, show_default=True, help="where the random numbers begin")
+@click.option("--against", metavar="FIELD", help="of the wall, that values go with; default: image_ratio")
+@click.option("--lesions", type=FILE, help="table of lesions in the map's frame, for their distances")
+@click.option("--scar-from", default=1.2, show_default=True, help="value of FIELD where scar begins")
 @click.option("--out", type=FILE, help="table of comma-separated values to write, a row for each number")
 @as_json
-def measure(run_folder: Path, out: Path | None, as_json: bool, **options: object) -> None:
+def measure(run_folder: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the last surface of a run, each number with its 95 % interval: volume, areas by region and
-    below thresholds, sections of veins, distances of named places.
+    below thresholds, sections of veins, distances of named places and of lesions, and how the values go with
+    what the image shows of the wall.
     """
     from ..report.mapping import measures
 
-    subject, found = measures.measure_run(run_folder, **options)  # type: ignore[arg-type]
+    subject, found = measures.measure_run(run_folder, measures.Asked(**options))
     if out:
         measures.write_csv(out, found)
     say_lines((measures.as_json if as_json else measures.as_text)(subject, found))

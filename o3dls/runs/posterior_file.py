@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ..motion.recorded import Motion
     from ..motion.wall.kept import KeptPosterior
 
+# what numpy and zipfile raise where bytes are others: memory too, since a header may promise any size
+FAULTS = (ValueError, EOFError, BadZipFile, Undeflated, RuntimeError, AttributeError, MemoryError)
 KEPT = "posterior_rows.npz"  # what is observed of the motion, and how it varies before that (docs/files.md)
 
 
@@ -41,5 +43,5 @@ def read_posterior(path: Path, dimension: int) -> KeptPosterior | None:
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
             return KeptPosterior.from_arrays(arrays, dimension)
-    except (ValueError, EOFError, BadZipFile, Undeflated, RuntimeError, AttributeError) as error:
+    except FAULTS as error:
         raise InputError(f"{path}: is damaged ({error}); run it again") from None

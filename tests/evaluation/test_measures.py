@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fields import bend, body, spots, wall
+from scipy.stats import norm
 from tiny import sphere
 
 from o3dls.estimate import Estimate
-from o3dls.evaluation.measures.intervals import LEVEL, measure_samples
+from o3dls.evaluation.measures.areas import share_below
+from o3dls.evaluation.measures.intervals import LEVEL, WIDER, measure_samples, sample_numbers
 from o3dls.evaluation.measures.numbers import (
     Parts,
     Quantity,
     measure_surface,
     named_parts,
     places_on,
-    share_below,
     slopes,
 )
 from o3dls.evaluation.measures.ways import shortest_ways
@@ -131,13 +132,38 @@ def test_slopes_are_the_gradient_along_the_wall() -> None:
     assert np.isfinite(slopes(BALL, values)).all()
 
 
-def test_intervals_are_quantiles_of_the_samples() -> None:
+def test_intervals_are_wider_than_the_samples_and_about_the_number_of_the_surface() -> None:
     radii = RADIUS + np.random.default_rng(51_773).normal(0.0, 0.5, 400)
     samples = samples_of(BALL, *(BALL.vertices * r / RADIUS for r in radii))
     volume = next(m for m in measure_samples(samples, Parts({})) if m.quantity.what == "volume")
-    expected = np.quantile(radii, [0.025, 0.975]) ** 3 * volume.naive / RADIUS**3
+    drawn = radii**3 * volume.naive / RADIUS**3
+    expected = volume.naive + WIDER * (np.quantile(drawn, [0.025, 0.975]) - drawn.mean())
     assert (volume.low, volume.high) == pytest.approx(tuple(expected))
-    assert volume.mean == pytest.approx(float((radii**3).mean()) * volume.naive / RADIUS**3)
+    assert volume.mean == pytest.approx(volume.naive)
+
+
+def test_a_wall_that_may_not_exist_is_taken_off_and_not_made_wider() -> None:
+    """What is half there has half of its area in the mean, whatever the errors of the rest."""
+    upper = BALL.vertices[:, 2] > 0.0
+    exists = np.array([np.ones(len(ALL), dtype=bool), ~upper] * 20)
+    at = np.repeat(BALL.vertices[None], 40, axis=0)
+    parts = Parts({"all": ALL, "upper": upper})
+    found = {m.quantity.where: m for m in measure_samples(SurfaceSamples(BALL, at, exists), parts)}
+    assert found["upper"].mean == pytest.approx(found["upper"].naive / 2.0)
+    assert (found["upper"].low, found["upper"].high) == pytest.approx((0.0, found["upper"].naive))
+    assert found["all"].low == pytest.approx(found["all"].naive - found["upper"].naive)
+    assert found["wall"].low == pytest.approx(BALL.volume / 1000.0)
+
+
+def test_a_number_that_can_not_be_below_0_has_no_interval_there() -> None:
+    """Nor a share above 100 %."""
+    values = np.where(BALL.vertices[:, 2] > 0.97 * RADIUS, 0.0, 2.0)
+    turns = 0.3 * np.random.default_rng(20_747).normal(size=(60, 3))
+    samples = samples_of(BALL, *(BALL.vertices @ rotation(turn).T for turn in turns))
+    cap = BALL.vertices[:, 2] > 0.9 * RADIUS
+    for one in measure_samples(samples, Parts({"cap": cap}, thresholds=(1.0,)), values):
+        assert one.low >= 0.0
+        assert one.high <= 100.0 or one.quantity.unit != "%"
 
 
 def test_values_stay_in_the_map_while_the_wall_slides_under_them() -> None:
@@ -145,11 +171,10 @@ def test_values_stay_in_the_map_while_the_wall_slides_under_them() -> None:
     angle = 0.06
     turn = rotation(np.array([0.0, 0.0, angle]))
     parts = Parts({"half": BALL.vertices[:, 1] > 0.0}, thresholds=(0.0,))
-    measures = measure_samples(samples_of(BALL, BALL.vertices @ turn.T), parts, BALL.vertices[:, 0] * 1.0)
-    below = next(m for m in measures if m.quantity.what == "share below 0 mV")
-    assert below.naive == pytest.approx(50.0, abs=1.0)
+    found = sample_numbers(samples_of(BALL, BALL.vertices @ turn.T), parts, BALL.vertices[:, 0] * 1.0)
     # a turn by the angle brings so much of the half to where the value is below 0
-    assert below.mean == pytest.approx(50.0 + 100.0 * angle / np.pi, abs=1.0)
+    below = found[Quantity("share below 0 mV", "half", "%")]
+    assert below == pytest.approx(50.0 + 100.0 * angle / np.pi, abs=1.0)
 
 
 def test_a_region_without_values_has_no_share_and_no_interval() -> None:
@@ -175,7 +200,9 @@ def test_tubes_are_the_named_veins_beyond_their_mouths() -> None:
 
 
 def test_an_interval_holds_what_was_drawn_from_the_posterior_as_often_as_it_says() -> None:
-    """Of truths that are drawn from the posterior itself 95 % lie in the interval, half below the mean."""
+    """Of truths that are drawn from the posterior itself 95 % lie between the quantiles of its samples, and
+    as many more in the interval as that is wider.
+    """
     surface = body(3)
     truth = surface.vertices + bend(surface, 4_409)
     _, face, bary = spots(surface, 150, 4_410)
@@ -189,12 +216,15 @@ def test_an_interval_holds_what_was_drawn_from_the_posterior_as_often_as_it_says
         tubes={"cap": surface.vertices[:, 2] > 15.0},
         places={"a": (0, np.zeros(3)), "b": (100, np.zeros(3))},
     )
-    measures = measure_samples(estimate.samples(1000, seed=3_181), parts)
+    samples = estimate.samples(1000, seed=3_181)
+    measures, plain = measure_samples(samples, parts), sample_numbers(samples, parts)
     truths = estimate.samples(400, seed=91_120)
     drawn = [measure_surface(one, parts) for one in truths]
     for one in measures:
         values = np.array([value[one.quantity] for value in drawn])
-        within = float(((values >= one.low) & (values <= one.high)).mean())
+        low, high = np.quantile(plain[one.quantity], [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
         # of 400, which know a share to 1 %
-        assert within == pytest.approx(LEVEL, abs=0.035), one.quantity
-        assert float((values < one.mean).mean()) == pytest.approx(0.5, abs=0.1), one.quantity
+        assert ((values >= low) & (values <= high)).mean() == pytest.approx(LEVEL, abs=0.035), one.quantity
+        wider = 2.0 * norm.cdf(WIDER * norm.ppf(0.5 + 0.5 * LEVEL)) - 1.0
+        within = float(((values >= one.low) & (values <= one.high)).mean())
+        assert within == pytest.approx(wider, abs=0.03), one.quantity

@@ -18,10 +18,23 @@ MOST_SECONDS, MOST_MEMORY = 20, 4096  # for one input; MB
 INSTRUMENTED = [
     "o3dls.io",
     "o3dls.live",
+    "o3dls.report.mapping",
     "o3dls.runs",
     "o3dls.pipeline",
 ]  # what numba compiles must stay plain
-NAMES = ("surface", "volume", "study", "table", "toml", "journal", "action", "run.json", "igtl")
+NAMES = (
+    "surface",
+    "volume",
+    "study",
+    "table",
+    "toml",
+    "journal",
+    "action",
+    "posterior",
+    "lesions",
+    "run.json",
+    "igtl",
+)
 
 
 def by_coverage(name: str, seconds: int) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import tempfile
+import zipfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,12 +26,26 @@ from o3dls.io.table import table_of
 from o3dls.live.journal import begin_journal, read_journal
 from o3dls.live.messages import action, parse_action
 from o3dls.pipeline.file import pipeline_from
+from o3dls.report.mapping.on_wall import read_lesions
 from o3dls.runs.folder import read_record
+from o3dls.runs.posterior_file import read_posterior
 from tests.finished import finished
 from tests.formats import write_as
 from tests.io.test_io_study import carto_folder, zipped
 
 SURFACES = ("ply", "vtk", "vtp", "off", "obj", "stl", "carto_vtk", "carto_mesh", "dif")
+# arrays of a posterior of two points, three nodes and one length
+POSTERIOR = {
+    **dict.fromkeys(("nodes", "normals", "where", "unfollowed"), (3, 3)),
+    **dict.fromkeys(("at", "directions"), (2, 3)),
+    **dict.fromkeys(("normal_part", "residual", "errors", "lengths"), (2,)),
+    "centre": (3,),
+    "scales": (5,),
+    "inflation": (1,),
+    "correlation": (2,),
+    "anchors": (0, 3),
+    "sds": (4,),
+}
 DEEP = b"[" * 20_000
 HALF = b'{"do": "take", "xyz": [1, 2, 3], "values": {"a": "\\ud800"}}'
 LONG = b'{"do": "take", "xyz": [' + b"9" * 400 + b", 1, 2]}"
@@ -107,6 +123,30 @@ def journal_seeds() -> list[bytes]:
     ]
 
 
+def posterior_seeds() -> list[bytes]:
+    """Rows as a run keeps them, plain and compressed, and a header that promises more than there is."""
+    arrays = {name: np.ones(shape) for name, shape in POSTERIOR.items()}
+    found = []
+    for save in (np.savez, np.savez_compressed):
+        save(content := io.BytesIO(), **arrays)
+        found.append(content.getvalue())
+    huge = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }"
+    npy = b"\x93NUMPY\x01\x00" + len(huge).to_bytes(2, "little") + huge
+    with zipfile.ZipFile(content := io.BytesIO(), "w") as packed:
+        for name in arrays:
+            packed.writestr(f"{name}.npy", npy)
+    return [*found, content.getvalue()]
+
+
+def lesion_seeds() -> list[bytes]:
+    return [
+        b"x,y,z,name,line,sigma\n1,2,3,a,roof,0.5\n4,5,6,b,roof,\n7,8,9,c,floor,1\n",
+        b"x,y,z,type,line\n1,2,3,ablation,1\n4,5,6,eam,2\n",
+        b"x,y,z,sigma\n1,2,3,-1\n",
+        b"x,y,z,line\n1,2,3,\xff\n",
+    ]
+
+
 def toml_seeds() -> list[bytes]:
     text = b'case = "a"\nfolds = 3\n[[stage]]\nuse = "icp"\nkeep = 0.9\n[[write]]\nuse = "report"\n'
     return [text, b"a" + b".a" * 3000 + b" = 1", b"a = " + b"[" * 5000, b"a = " + b"9" * 5000]
@@ -151,6 +191,8 @@ DOORS = {
     "action": Door(
         lambda data: action(parse_action(data, "line 1")), lambda: [TAKE, DEEP, HALF, LONG, LONGER, b"null"]
     ),
+    "posterior": Door(lambda data: read_posterior(as_file("posterior_rows.npz", data), 3), posterior_seeds),
+    "lesions": Door(lambda data: read_lesions(as_file("lesions.csv", data), 1.0), lesion_seeds),
     "run.json": Door(lambda data: read_record(as_file("run/run.json", data).parent), run_json_seeds),
     "igtl": Door(read_igtl, igtl_seeds),
 }

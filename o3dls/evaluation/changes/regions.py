@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ...arrays import TINY, Array, Mask
 from ...geometry.surface import Surface
+from ..measures.areas import share_below
 from ..measures.intervals import LEVEL
-from ..measures.numbers import share_below
 
 REACHES = 0.36  # of its largest change: so far a region goes
 TRIED = 100  # samples of a region's area

@@ -1,4 +1,4 @@
-"""What is measured on one surface: volume, areas, openings and distances."""
+"""What is measured on surfaces: volume, areas, openings and distances."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 
 from ...arrays import TINY, Array, Ints, Mask
 from ...geometry.surface import Surface
+from .areas import measure_areas
 
 WHOLE = "wall"  # all of the wall, where there are parts of it too
 ML = 1000.0  # mm³
 CM2 = 100.0  # mm²
+AT_ONCE = 32  # surfaces whose areas by vertex are in memory
 
 
 class Quantity(NamedTuple):
@@ -44,66 +46,72 @@ class Parts:
 def measure_surface(
     surface: Surface, parts: Parts, exists: Mask | None = None, values: Array | None = None
 ) -> dict[Quantity, float]:
-    """Return what is measured on a surface in mm: its volume (ml), areas of regions (cm²) where there is wall
-    (exists (n,)), with what of them has values (n,) below the thresholds; areas (cm²) and diameters (mm) of
-    the sections of tubes; straight distances (mm) of places, and lengths (mm) of ways along the wall.
+    """Return what is measured on one surface, of whose vertices there are exists (n,) and have values (n,).
+    Parameters else as of `measure_surfaces`.
+    """
+    known = None if values is None else values[None]
+    there = None if exists is None else exists[None]
+    whole, present = measure_surfaces(surface, surface.vertices[None], parts, known, there)
+    return {quantity: float(numbers[0]) for quantity, numbers in (whole | present).items()}
+
+
+def measure_surfaces(
+    surface: Surface, vertices: Array, parts: Parts, values: Array | None = None, exists: Mask | None = None
+) -> tuple[dict[Quantity, Array], dict[Quantity, Array]]:
+    """Return what is measured, (k,) each, on surfaces that have the faces of one and vertices (k, n, 3) in
+    mm, as if all of the wall existed: volumes (ml); areas of regions (cm²), with what of them has values (k,
+    n) below the thresholds; areas (cm²) and diameters (mm) of the sections of tubes; straight distances (mm)
+    of places, and lengths (mm) of ways along the wall. Second, what it is instead where exists (k, n) is
+    given: areas of what exists.
 
     The section of a tube is spanned by the border of its vertices: its area is the length of the sum of the
     area vectors of the faces beyond, which depends on the border alone (Stokes); its diameter is that of the
     circle of this area. A face counts to a region by its corners in it. Shares are of the area where values
     are known, which are linear on each face.
     """
-    found = {Quantity("volume", WHOLE, "ml"): surface.volume / ML}
-    areas = _areas_by_vertex(surface, parts.thresholds, values)
-    there = 1.0 if exists is None else exists.astype(np.float64)
-    for name, inside in parts.regions.items():
-        area, mapped, *low = (float(inside @ (one * there)) for one in areas)
+    volumes, whole, present = _sum_areas(surface, vertices, parts, values, exists)
+    found = {Quantity("volume", WHOLE, "ml"): volumes / ML} | _name_areas(parts, whole)
+    for name, beyond in parts.tubes.items():
+        corners = np.moveaxis(vertices[:, surface.faces[beyond[surface.faces].all(axis=1)]], 2, 0)
+        across = np.cross(corners[1] - corners[0], corners[2] - corners[0]).sum(axis=1)
+        section = 0.5 * np.linalg.norm(across, axis=1)
+        found[Quantity("section area", name, "cm²")] = section / CM2
+        found[Quantity("section diameter", name, "mm")] = 2.0 * np.sqrt(section / np.pi)
+    at = {name: vertices[:, vertex] + offset for name, (vertex, offset) in parts.places.items()}
+    for a, b in combinations(at, 2):
+        found[Quantity("distance", f"{a} to {b}", "mm")] = np.linalg.norm(at[a] - at[b], axis=1)
+    for (a, b), way in parts.ways.items():
+        steps = np.diff(vertices[:, way], axis=1)
+        found[Quantity("length", f"{a} to {b}", "mm")] = np.linalg.norm(steps, axis=2).sum(axis=1)
+    return found, {} if exists is None else _name_areas(parts, present)
+
+
+def _sum_areas(
+    surface: Surface, vertices: Array, parts: Parts, values: Array | None, exists: Mask | None
+) -> tuple[Array, Array, Array]:
+    """Return volumes (k,) and by region the areas (r, a, k) of `measure_areas`, of all and of what exists."""
+    inside = np.array(list(parts.regions.values()), dtype=np.float64).reshape(-1, vertices.shape[1])
+    volumes, whole, present = np.zeros(len(vertices)), list[Array](), list[Array]()
+    for first in range(0, len(vertices), AT_ONCE):
+        rows = slice(first, first + AT_ONCE)
+        known = None if values is None else values[rows]
+        volumes[rows], areas = measure_areas(vertices[rows], surface.faces, parts.thresholds, known)
+        whole.append(areas @ inside.T)
+        present.append(whole[-1] if exists is None else (areas * exists[rows, None]) @ inside.T)
+    return volumes, np.concatenate(whole).T, np.concatenate(present).T
+
+
+def _name_areas(parts: Parts, sums: Array) -> dict[Quantity, Array]:
+    """Return by region areas (k,), areas below the thresholds and their shares."""
+    found = dict[Quantity, Array]()
+    for name, (area, mapped, *low) in zip(parts.regions, sums, strict=True):
         found[Quantity("area", name, "cm²")] = area / CM2
         for threshold, below in zip(parts.thresholds, low, strict=False):  # without values there are none
             what = f"below {threshold:g} {parts.unit}"
+            share = np.divide(below, mapped, out=np.full(len(mapped), np.nan), where=mapped > 0.0)
             found[Quantity(f"area {what}", name, "cm²")] = below / CM2
-            found[Quantity(f"share {what}", name, "%")] = 100.0 * below / mapped if mapped > 0.0 else np.nan
-    for name, beyond in parts.tubes.items():
-        faces = beyond[surface.faces].all(axis=1)
-        section = float(np.linalg.norm(surface.face_area_vectors[faces].sum(axis=0)))
-        found[Quantity("section area", name, "cm²")] = section / CM2
-        found[Quantity("section diameter", name, "mm")] = 2.0 * float(np.sqrt(section / np.pi))
-    at = {name: surface.vertices[vertex] + offset for name, (vertex, offset) in parts.places.items()}
-    for a, b in combinations(at, 2):
-        found[Quantity("distance", f"{a} to {b}", "mm")] = float(np.linalg.norm(at[a] - at[b]))
-    for (a, b), way in parts.ways.items():
-        steps = np.diff(surface.vertices[way], axis=0)
-        found[Quantity("length", f"{a} to {b}", "mm")] = float(np.linalg.norm(steps, axis=1).sum())
+            found[Quantity(f"share {what}", name, "%")] = 100.0 * share
     return found
-
-
-def _areas_by_vertex(surface: Surface, thresholds: tuple[float, ...], values: Array | None) -> list[Array]:
-    """Return each vertex's share (n,) of the area; of that where values (n,) are known; and where these lie
-    below each threshold.
-    """
-    faces, area = surface.faces, surface.face_areas
-    found = [area, np.zeros(len(area))]
-    if values is not None:
-        corners = values[faces]
-        found[1] = area * np.isfinite(corners).all(axis=1)
-        found += [area * share_below(corners, threshold) for threshold in thresholds]
-    n = len(surface.vertices)
-    return [np.asarray(np.bincount(faces.ravel(), np.repeat(one / 3.0, 3), n)) for one in found]
-
-
-def share_below(corners: Array, threshold: float) -> Array:
-    """Return the share (m,) of the area of triangles in which a field lies below a threshold that is linear
-    on each, with values (m, 3) at the corners; 0 where one is not known.
-    """
-    low = corners < threshold  # not where a value is unknown
-    found = np.asarray(low.all(axis=1), dtype=np.float64)
-    cut = np.flatnonzero(low.any(axis=1) & (found == 0.0) & np.isfinite(corners).all(axis=1))
-    a, b, c = np.sort(corners[cut], axis=1).T
-    one_below = threshold <= b  # a corner is cut off, below the threshold or above it
-    other = np.where(one_below, b - a, c - b)
-    corner = np.where(one_below, threshold - a, c - threshold) ** 2 / ((c - a) * other)
-    found[cut] = np.where(one_below, corner, 1.0 - corner)
-    return np.asarray(found)
 
 
 def slopes(surface: Surface, values: Array) -> Array:

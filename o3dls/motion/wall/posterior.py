@@ -15,12 +15,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from scipy import sparse
 
 from ...arrays import Array
+from ...parallel import by_rows
 from ..field.covariance import Observed, Places, interpolation
 from ..field.gaussian_process import FieldPosterior
 from .settings import SETTINGS
+
+WORTH = 1000  # places that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +65,11 @@ class WallPosterior:
 
     def covariance_at(self, places: Array) -> Array:
         """Return the covariance (n, d, d) of the errors at each of the places (n, d) of the map frame."""
-        count, dim = self.where.shape
+        dim = self.where.shape[1]
         found = self.weights(places)
         near, share = (part.reshape(len(places), -1) for part in (found.indices, found.data))
-        blocks = self.covariance.reshape(count, dim, count, dim)
         total = np.zeros((len(places), dim, dim))
-        for i in range(near.shape[1]):
-            for j in range(i + 1):
-                part = (share[:, i] * share[:, j])[:, None, None] * blocks[near[:, i], :, near[:, j], :]
-                total += part if i == j else part + part.swapaxes(1, 2)
+        by_rows(_add_blocks, WORTH, (total, near, share), self.covariance)
         return total
 
     def errors(self, places: Array, count: int, rng: np.random.Generator) -> Array:
@@ -78,3 +78,18 @@ class WallPosterior:
         nodes = drawn.reshape(count, *self.where.shape).swapaxes(0, 1).reshape(len(self.where), -1)
         spread = self.weights(places) @ nodes
         return np.asarray(spread.reshape(len(places), count, -1).swapaxes(0, 1))
+
+
+@njit(cache=True, nogil=True)
+def _add_blocks(total, near, share, covariance):  # type: ignore[no-untyped-def]
+    """Add to total (n, d, d) the covariance (m d, m d) of the nodes near (n, k) to each place, by their
+    shares (n, k).
+    """
+    dim = total.shape[1]
+    for v in range(len(total)):
+        for i in range(near.shape[1]):
+            for j in range(near.shape[1]):
+                both = share[v, i] * share[v, j]
+                for a in range(dim):
+                    for b in range(dim):
+                        total[v, a, b] += both * covariance[dim * near[v, i] + a, dim * near[v, j] + b]

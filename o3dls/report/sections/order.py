@@ -8,6 +8,7 @@ from ..drawing.distance_charts import spread_section
 from ..drawing.pictures import static_pictures
 from ..drawing.scene import scene
 from ..grading.doubts import NAMED, doubted_regions
+from ..mapping.measures import measured_section
 from ..mapping.sections import next_section, region_section
 from ..markup import join, tag
 from ..page_parts import viewer_scripts
@@ -66,6 +67,7 @@ SECTIONS: tuple[Maker, ...] = (
     pose_section,
     calibration_section,
     electrical_section,
+    measured_section,
     validity_section,
     course_section,
     sweep_section,
