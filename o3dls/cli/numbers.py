@@ -20,10 +20,13 @@ from .words import FILE, FOLDER, complain, say_lines
 @click.option("--against", metavar="FIELD", help="of the wall, that values go with; default: image_ratio")
 @click.option("--lesions", type=FILE, help="table of lesions in the map's frame, for their distances")
 @click.option("--scar-from", default=1.2, show_default=True, help="value of FIELD where scar begins")
+@click.option(
+    "--by", type=click.Choice(["regions", "segments"]), default="regions", show_default=True, help="of areas"
+)
 @click.option("--out", type=FILE, help="table of comma-separated values to write, a row for each number")
 @as_json
 def measure(run_folder: Path, out: Path | None, as_json: bool, **options: Any) -> None:
-    """Measure the last surface of a run, each number with its 95 % interval: volume, areas by region and
+    """Measure the last surface of a run, each number with its 95 % interval: volume, areas by part and
     below thresholds, sections of veins, distances of named places and of lesions, and how the values go with
     what the image shows of the wall.
     """

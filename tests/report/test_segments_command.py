@@ -116,3 +116,17 @@ def test_what_cannot_be_divided_is_refused(folder: Path, mesh: Path, tmp_path: P
         done = said(*arguments)
         assert done.exit_code != 0
         assert why in str(done.exception)
+
+
+def test_areas_of_segments_are_measured_with_their_intervals(folder: Path) -> None:
+    done = CliRunner().invoke(cli, ["measure", str(folder), "--by", "segments", "--samples", "30", "--json"])
+    assert done.exit_code == 0, done.output
+    areas = {one["where"]: one for one in json.loads(done.stdout)["measures"] if one["what"] == "area"}
+    assert set(areas) == {"wall", *list(SEGMENTS.values())[1:]}
+    parts = sum(one["naive"] for where, one in areas.items() if where != "wall")
+    assert parts == pytest.approx(areas["wall"]["naive"])  # a face counts to each by its corners there
+    table = json.loads(said(folder, "--json").stdout)["segments"]
+    for row in table:
+        own = areas[row["name"]]
+        assert own["low"] < own["naive"] < own["high"]
+        assert own["naive"] == pytest.approx(row["area_cm2"], rel=1e-3)

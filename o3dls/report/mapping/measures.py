@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Ints, Mask
 from ...errors import InputError, did_you_mean
 from ...evaluation.distances import moved
 from ...evaluation.electrical import ELECTRICAL
@@ -17,6 +18,7 @@ from ...evaluation.measures.intervals import Measure, measure_samples
 from ...evaluation.measures.numbers import WHOLE, Parts, named_parts, places_on
 from ...evaluation.measures.ways import shortest_ways
 from ...evaluation.regions import REGIONS, tubes, valve_of, word
+from ...evaluation.segments.division import SEGMENTS, VALVE
 from ...geometry.surface import Surface
 from ...io.table import write_table
 from ...motion.posterior import wall_posterior
@@ -27,6 +29,7 @@ from ..markup import Child, table
 from ..section import Section
 from ..subject import Subject, read_subject
 from .on_wall import POINTS, Field, measure_lesions, measure_line, wall_field
+from .segments import divide_run
 from .wall_regions import landmarks_in_map, wall_regions
 
 COLUMNS = ("what", "where", "unit", "naive", "mean", "low", "high")
@@ -40,7 +43,8 @@ NOTICE = (
 class Asked:
     """This is what is asked of a run: how many samples of its surface, and where their random numbers begin;
     which column of the points, by default below its usual thresholds; a field of the wall that it is set
-    against, and from which value on that is a scar; and a file of lesions.
+    against, and from which value on that is a scar; a file of lesions; and whether areas are by the report's
+    regions or by the segments of the consensus.
     """
 
     samples: int = 200
@@ -50,6 +54,7 @@ class Asked:
     against: str | None = None
     scar_from: float = 1.2
     lesions: Path | None = None
+    by: Literal["regions", "segments"] = "regions"
 
     @property
     def thresholds(self) -> tuple[float, ...]:
@@ -109,17 +114,30 @@ def _find_scars(asked: Asked, values: Array | None, field: Field | None) -> dict
 def _find_parts(subject: Subject, surface: Surface, asked: Asked) -> Parts:
     """Return what is measured on the surface."""
     marks = landmarks_in_map(subject)
-    wall = ~valve_of(surface, marks)
-    names = {k: word(k) for k in range(len(REGIONS))}
+    labels, names, wall = _divide_wall(subject, surface, asked)
     places = places_on(surface, _carried_landmarks(subject))
     return Parts(
-        regions=named_parts(wall_regions(subject, surface), names, wall),
+        regions=named_parts(labels, names, wall),
         tubes={word(REGIONS.index(name)): inside for name, inside in tubes(surface, marks).items()},
         places=places,
         ways=shortest_ways(surface, wall, {name: vertex for name, (vertex, _) in places.items()}),
         thresholds=asked.thresholds,
         unit=ELECTRICAL[asked.column],
     )
+
+
+def _divide_wall(
+    subject: Subject, surface: Surface, asked: Asked
+) -> tuple[Ints | None, Mapping[int, str], Mask]:
+    """Return the label (n,) of each vertex, if there are parts, the names of these, and which vertices (n,)
+    are wall and not the mitral valve.
+    """
+    if asked.by == "segments":
+        segment = divide_run(subject, samples=0).surface.fields["segment"].astype(int)
+        names = {k: name for k, name in SEGMENTS.items() if k != VALVE}
+        return segment, names, segment != VALVE
+    names = {k: word(k) for k in range(len(REGIONS))}
+    return wall_regions(subject, surface), names, ~valve_of(surface, landmarks_in_map(subject))
 
 
 def _carried_landmarks(subject: Subject) -> dict[str, Array]:
