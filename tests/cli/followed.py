@@ -64,6 +64,8 @@ CHOICE, SIDECAR, LIVE = (
 FEWEST_LETTERS = 14  # of words that may stand anywhere in a sentence
 # words of a sentence: the test that provokes it, does what it says, and sees that the command then succeeds
 FOLLOWED = {
+    "o3dls measure has regions, distances and lesions": "report/test_measure_command.py::"
+    "test_lesions_have_gaps_and_distances_to_scars",
     "--on and --out go with --mean": "report/test_mean_command.py::"
     "test_it_is_laid_on_the_atrium_that_is_named",
     "give its cycle length, --cycle": (
