@@ -88,12 +88,9 @@ def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
 
     if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
         return []
-    sentence = (
-        "the points are not in the order in which they were taken, so that an error of neighbouring points "
-        f"cannot be told from the wall, which moves by {detail:.2g} {case.units} over short lengths: it may "
-        "be almost twice as far off as the deviation says; export the points with their times"
-    )
-    return [RunWarning("order-lost", sentence)]
+    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and without the points' order "
+    why = "their common errors look the same: it may be twice as far off as said; export points with times"
+    return [RunWarning("order-lost", moves + why)]
 
 
 def shifted(shift: MapShift | None, case: Case, *, taken_out: bool) -> list[RunWarning]:

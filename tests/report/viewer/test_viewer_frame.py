@@ -112,7 +112,7 @@ def test_each_bar_says_what_it_colours_and_that_left_out_points_are_no_error_of_
     page = halved.page
     page.select_option("#field", label="distance of left-out points")
     names = page.locator(".bar .name").all_inner_texts()
-    assert names == ["wall: distance of left-out points, mm", "points: distance from the surface shown, mm"]
+    assert names == ["wall: distance of left-out points, mm", "points: distance to the surface, mm"]
     note = page.locator("#surface-bar #of-left-out")
     assert "not the error of this surface" in note.inner_text()
     page.select_option("#field", label="posterior standard deviation")
