@@ -124,6 +124,11 @@ def word(region: int) -> str:
     return WORDS.get(REGIONS[region], REGIONS[region])
 
 
+def short_word(region: int) -> str:
+    """Return what a region is called in a picture, where there is little room."""
+    return "no landmark" if REGIONS[region] == UNNAMED else word(region)
+
+
 def _find_places(landmarks: Mapping[str, Array]) -> dict[str, Array]:
     """Return the places of the openings that landmarks name."""
     named = list(landmarks)

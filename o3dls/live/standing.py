@@ -16,8 +16,8 @@ from ..evaluation.trusted_landmarks import contradicted
 from ..geometry.cut_wall import on_cut
 from ..geometry.surface import Surface
 from ..registration.landmarks import leave_one_out
-from ..report.checks import FAR_LANDMARK
 from ..report.expected import expected_of
+from ..report.grading.landmarks import FAR_LANDMARK
 from ..report.mapping.advice import located
 from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated

@@ -159,14 +159,15 @@ def ending(
     flawed = best in faulty and last not in faulty
     if keep_last or flawed:
         reason = f"the surface of {best} is not valid" if flawed else "keep_last says so"
-        return last, [RunWarning("stage-kept", f"{said}: it is the result all the same, as {reason}", last)]
-    return best, [RunWarning("stage-rejected", f"{said}: the result is {best}", last)]
+        why = f"{last} is the result all the same, as {reason}; compare the two in the pictures"
+        return last, [RunWarning("stage-kept", f"{said}: {why}", last)]
+    return best, [RunWarning("stage-rejected", f"{said}: {best} is the result", last)]
 
 
 def _describe_harm(last: str, best: str, farther: Difference, unit: str) -> str:
     return (
-        f"{last} is farther from points that were left out than {best} ({farther.second:.2f} against "
-        f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f})"
+        f"{last} lies {farther.mean:.2f} {unit} farther from left-out points than {best} ("
+        f"{farther.second:.2f} against {farther.first:.2f} {unit}, more than by chance)"
     )
 
 

@@ -7,25 +7,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..runs.far_points import FEW, far_points
 from .expected import DUE, OFF, shares_within
-from .grading.check import Check, Grade, count_words
+from .grading.check import Check, Grade, count_words, write_share
 from .grading.convergence import check_convergence
 from .grading.expected_error import NO_POSTERIOR, check_expected_error
+from .grading.landmarks import check_landmarks
 from .grading.remarks import count_remarks, remarks, warnings_of
+from .grading.size import check_size
 from .grading.wall import farthest, prior_only, removed_wall, volume
 from .shape_words import words_of
 from .subject import Subject
 from .wall_parts import Part, compared, compared_parts
 
 WARNINGS = "Warnings"
-FAR_LANDMARK = 15.0  # mm from its place on the result: as of a landmark in another vein
-# mm rms, of all of them, on a patient's own prior: places marked to 2 mm per axis lie 3.5 mm off, and 3.9 at
-# most in healthy maps; another person's veins are elsewhere
-LANDMARKS_RMS = 4.6
-SIZE = 0.13  # of the logarithm of a scale: no heart is an eighth larger or smaller than it was imaged
 FARTHER = 0.1  # mm behind the baseline that always count as worse
 MANY_OUTLIERS = 0.2  # share of outliers that bad contact brings about
 FAULTLESS, CLOSER, UNDOUBTED = "without new faults", "where clearly closer", "without warnings"
@@ -42,8 +37,8 @@ def checks(subject: Subject) -> list[Check]:
         _against_baseline(subject),
         check_expected_error(subject),
         *([_check_calibration(subject)] if known else []),  # that a patient's truth is not known is no fault
-        _check_landmarks(subject),
-        _check_size(subject),
+        check_landmarks(subject),
+        check_size(subject),
         _far_points(subject),
         _check_outliers(subject),
         removed_wall(subject),
@@ -73,9 +68,10 @@ def _check_calibration(subject: Subject) -> Check:
         )
     off = found[0] - DUE[0]
     shape = words_of(subject).shape
-    said = f"{found[0]:.0%} of the {shape} is within the {DUE[0]:.0%} band of the truth"
+    share = write_share(found[0], DUE[0] - OFF, DUE[0] + OFF)
+    said = f"{share} of the {shape} is within the {DUE[0]:.0%} band of the truth"
     short, limit = (
-        f"{found[0]:.0%} in the {DUE[0]:.0%} band",
+        f"{share} in the {DUE[0]:.0%} band",
         f"from {DUE[0] - OFF:.0%} to {DUE[0] + OFF:.0%}",
     )
     if abs(off) <= OFF:
@@ -119,41 +115,6 @@ def _describe_gain(parts: Sequence[Part], unit: str) -> str:
     )
 
 
-def _check_landmarks(subject: Subject) -> Check:
-    """Check how far each landmark of the map lies from its place on the result. (Left out of the fit of four,
-    one is predicted to 10 mm in the median of good results, and to 50 mm in the worst.)
-    """
-    name, unit, last = "Landmarks", subject.unit, subject.last
-    marks = last.run.points.of("landmark")
-    gap = marks.numbers(f"distance_{last.key}_{unit}")
-    if not np.isfinite(gap).any():
-        return Check(name, "none", "no landmark has its place on the prior", "no landmark on the prior")
-    worst, rms = int(np.nanargmax(gap)), float(np.sqrt(np.nanmean(gap**2)))
-    own = subject.case.prior_of == "patient"
-    far = unit == "mm" and (gap[worst] > FAR_LANDMARK or (own and rms > LANDMARKS_RMS))
-    who = f"{marks.columns['name'][worst]}, {gap[worst]:.1f} {unit}"
-    asked = ": were they marked there?" if far else ""
-    said = f"{rms:.1f} {unit} rms from their places; worst: {who}{asked}"
-    limit = f"up to {FAR_LANDMARK:g} mm{f', {LANDMARKS_RMS:g} mm rms' if own else ''}" if unit == "mm" else ""
-    return Check(name, "amber" if far else "good", said, who, limit)
-
-
-def _check_size(subject: Subject) -> Check:
-    """Check the scale that ICP finds between image and map, which are both in millimetres."""
-    name = "Size"
-    first = next((one for one in subject.results.values() if one.key.startswith("icp")), None)
-    first = subject.first if subject.first and subject.first.key.startswith("icp") else first
-    if first is None or subject.case.prior_of != "patient" or subject.unit != "mm":
-        said = "there is no ICP, the prior is a template, or lengths are not in mm"
-        return Check(name, "none", said, "does not apply")
-    scale = float(np.cbrt(np.linalg.det(first.estimate.T_map_prior[:3, :3])))
-    off = abs(np.log(scale)) > SIZE
-    asked = ": are units, heart phase and patient the same?" if off else ""
-    said = f"{first.name} makes the prior {scale:.2f} times as large{asked}"
-    limit = f"from x {np.exp(-SIZE):.2f} to x {np.exp(SIZE):.2f}"
-    return Check(name, "amber" if off else "good", said, f"x {scale:.2f}", limit)
-
-
 def _far_points(subject: Subject) -> Check:
     """Check the points that were not fitted, by the set that lies farthest off."""
     name, found = "Far points", far_points(subject.last.run, subject.last.key)
@@ -175,8 +136,8 @@ def _check_outliers(subject: Subject) -> Check:
         said = "no stage looked for outliers"
         return Check("Share of outliers", "none", said, said)
     grade: Grade = "amber" if found > MANY_OUTLIERS else "good"
-    said, limit = f"{found:.0%} of the points", f"up to {MANY_OUTLIERS:.0%}"
-    return Check("Share of outliers", grade, said, f"{found:.0%}", limit)
+    share, limit = write_share(found, MANY_OUTLIERS), f"up to {MANY_OUTLIERS:.0%}"
+    return Check("Share of outliers", grade, f"{share} of the points", share, limit)
 
 
 def _last_fact(subject: Subject, key: str) -> Any:

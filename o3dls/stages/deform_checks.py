@@ -88,8 +88,8 @@ def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
 
     if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
         return []
-    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and "
-    why = "the points are in no order of a path: errors that neighbours share may be in it"
+    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and without the points' order "
+    why = "their common errors look the same: it may be twice as far off as said; export points with times"
     return [RunWarning("order-lost", moves + why)]
 
 

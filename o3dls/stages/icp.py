@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..registration.metrics import Metric
     from ..registration.reject import Rule
 
+WEAK = "it matters if you use this pose itself, and landmarks would determine it"
+
 
 class ICP(ICPParameters):
     """Move the prior onto the points by iterative closest points, points to surface; `preset` sets what is
@@ -165,7 +167,9 @@ def as_estimate(case: Case, found: Alignment, place: Ints, *, scale: bool) -> Es
         sigma=mixture.sigma,
         weights=found.weights[place],
         trace=found.trace,
-        warnings=tuple(RunWarning("weak-direction", d.sentence(case.units)) for d in directions if d.weak),
+        warnings=tuple(
+            RunWarning("weak-direction", f"{d.sentence(case.units)}; {WEAK}") for d in directions if d.weak
+        ),
         facts={
             "outlier_fraction": mixture.outlier_fraction,
             "observability": [d.record() for d in directions],

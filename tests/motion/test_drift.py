@@ -20,6 +20,7 @@ from o3dls.motion.fit import fit_motion
 from o3dls.motion.iteration import find_feet, gather_rows
 from o3dls.motion.result import MotionFit, sentence
 from o3dls.motion.settings import MotionSettings
+from o3dls.stages.deform_checks import order_lost
 from o3dls.stages.level_set_data import believed
 
 COUNT = 400
@@ -275,3 +276,12 @@ def test_a_map_whose_order_was_destroyed_is_warned_of_and_no_other() -> None:
     assert "order-lost" in codes(points[shuffled])
     surface, _, points, _ = mapped(count=250, shared=0.0)  # as much noise, none of it shared
     assert "order-lost" not in codes(points[shuffled])
+
+
+def test_the_note_of_a_lost_order_says_what_it_means_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("o3dls.motion.drift.lost_order", lambda _: 1.7)
+    surface, _, points, _ = mapped(count=20)
+    case = Case("case", surface, Points(points, np.full(len(points), "eam")))
+    (said,) = order_lost(case, None)  # type: ignore[arg-type]
+    assert "the wall moves by 1.7 mm over short lengths" in said.sentence
+    assert "it may be twice as far off as said; export points with times" in said.sentence

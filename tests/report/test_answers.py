@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from o3dls.evaluation.regions import REGIONS
-from o3dls.report.checks import checks
+from o3dls.evaluation.regions import REGIONS, short_word, word
 from o3dls.report.grading import doubts as doubts_module
 from o3dls.report.grading import expected_error as grading
 from o3dls.report.grading.check import Check
 from o3dls.report.grading.expected_error import contradicted_regions
-from o3dls.report.sections.answers import REMEDIES, answers
+from o3dls.report.page_parts import asset
+from o3dls.report.sections.answers import answers
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.verdict import verdict
 from o3dls.report.wall_parts import wall_parts
@@ -70,8 +70,11 @@ def test_the_answers_stand_under_the_verdict_in_their_order(run: Path, browser: 
         visit.page.close()
 
 
-def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the_model(run: Path) -> None:
+def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the_model(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     subject = read_subject([run])
+    monkeypatch.setattr(type(subject), "unmapped", property(lambda _: 0.5))
     mapped, unmapped = wall_parts(subject)
     assert mapped.found is not None
     assert unmapped.found is not None
@@ -82,6 +85,47 @@ def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the
     assert "unmapped wall 0.1 mm (by the model)" in told["Typical error"]
     larger = said(with_fields(subject, 9.0, 0.0))["Typical error"]
     assert re.search(rf"mapped wall \d+\.\d mm \(by the model, more than the {mapped.found:.1f} meas", larger)
+
+
+@pytest.mark.parametrize(("share", "given"), [(0.004, False), (0.006, True)])
+def test_no_error_is_given_of_unmapped_wall_that_rounds_to_nothing(
+    run: Path, monkeypatch: pytest.MonkeyPatch, share: float, given: bool
+) -> None:
+    far = np.arange(len(read_subject([run]).last.estimate.surface.vertices)) == 0
+    subject = with_fields(read_subject([run]), 2.0, far)
+    monkeypatch.setattr(type(subject), "unmapped", property(lambda _: share))
+    assert ("unmapped wall" in said(subject)["Typical error"]) == given
+
+
+@pytest.mark.parametrize(("gap", "bound"), [(1.4, ""), (1.6, "at least ")])
+def test_where_left_out_points_contradict_the_model_its_error_of_unmapped_wall_is_a_lower_bound(
+    run: Path, monkeypatch: pytest.MonkeyPatch, gap: float, bound: str
+) -> None:
+    subject = read_subject([run])
+    surface = subject.last.estimate.surface
+    subject = with_fields(subject, 2.0, surface.vertices[:, 0] <= 0)
+    points, key = subject.last.run.points, f"{subject.last.key}_mm"
+    points.columns[f"left_out_{key}"] = np.full(len(points), gap)
+    points.columns[f"left_out_sd_{key}"] = np.ones(len(points))
+    of = np.where(surface.vertices[:, 0] > 0, REGIONS.index("roof"), REGIONS.index("tube"))
+    monkeypatch.setattr(doubts_module, "wall_regions", lambda *_: of)
+    monkeypatch.setattr(doubts_module, "contradicted_regions", lambda _: {})
+    monkeypatch.setattr(type(subject), "unmapped", property(lambda _: 0.5))
+    told = said(subject)
+    assert f"unmapped wall {bound}1.6 mm (by the model)" in told["Typical error"]
+    assert f"(no points, {bound}1.6 mm by the model)" in told["Do not rely on"]
+
+
+def test_in_pictures_a_doubt_has_a_name_that_is_not_cut(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    most = int(re.search(r"LONGEST = (\d+)", asset("labels.js"))[1])  # type: ignore[index]
+    for k in range(len(REGIONS)):
+        assert len(short_word(k)) <= most
+    subject = read_subject([run])
+    of = np.full(len(subject.last.estimate.surface.vertices), REGIONS.index("tube"))
+    monkeypatch.setattr(doubts_module, "wall_regions", lambda *_: of)
+    (doubt,) = doubts_module.doubted_regions(with_fields(subject, 2.0, 1.0), [OK])
+    assert doubt.label == "no landmark"
+    assert doubt.name == word(REGIONS.index("tube"))  # in words there is room
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.003, "no part in particular."), (0.02, "the 2% of the wall")])
@@ -111,7 +155,7 @@ def test_a_region_that_points_contradict_is_named_before_one_without_points(
     assert one.distance > 5.0
     told = said(subject)["Do not rely on"]
     first = f"ostium RIPV ({one.distance:.1f} mm at {one.count} left-out points)"
-    assert told == f"{first}; appendage (no points, 1.6 mm by the model)."
+    assert told == f"{first}; appendage (no points, at least 1.6 mm by the model)."
     bad = Check("Far points", "bad", "far", "far")
     assert said(subject, bad)["Do not rely on"] == "the whole surface: a check failed."
     assert doubts_module.doubted_regions(subject, [bad]) == []
@@ -123,8 +167,8 @@ def test_a_region_that_points_contradict_is_named_before_one_without_points(
 
 def test_next_names_what_to_mark_and_where_to_map(run: Path) -> None:
     subject = read_subject([run])
-    amber = Check("Landmarks", "amber", "far", "RIPV, 17.0 mm")
-    assert said(subject, amber)["Next"].startswith("mark RIPV again")
+    amber = Check("Landmarks", "amber", "far", "LSPV 17.0 mm")
+    assert said(subject, amber)["Next"].startswith("mark LSPV again")
     assert subject.first is not None
     behind = Check(f"Against {subject.first.name}", "amber", "farther", "farther by 0.21 mm")
     assert said(subject, behind)["Next"] == f"see whether {subject.first.name} is the better surface here."
@@ -161,8 +205,3 @@ def test_without_points_left_out_the_error_is_the_models_and_folds_are_asked_for
     assert told["Typical error"] == "mapped wall 0.8 mm (by the model)."
     assert told["Next"] == "cross-validate (folds = 5)."
     assert "measured, " in said(read_subject([finished_2d(tmp_path / "flat")]))["Typical error"]
-
-
-def test_every_remedy_is_of_a_check(run: Path) -> None:
-    names = {one.name for one in checks(read_subject([run]))}
-    assert set(REMEDIES) < names

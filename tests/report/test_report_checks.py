@@ -22,7 +22,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.report.checks import checks
 from o3dls.report.expected import MEAN_OVER_SD, expected_error, left_out_scatter
 from o3dls.report.grading import expected_error as grading
-from o3dls.report.grading.check import WORDS, Check
+from o3dls.report.grading.check import WORDS, Check, count_decimals, write_share
 from o3dls.report.grading.remarks import Remark
 from o3dls.report.grading.wall import HALF
 from o3dls.report.page import report_page
@@ -326,6 +326,54 @@ def test_a_connected_part_that_reaches_far_from_all_points_is_looked_at(
     found = of_run(subject, **last)["Farthest part"]
     assert found.grade == grade
     assert ("mm from the nearest" in found.said) == (grade == "amber")
+
+
+def scaled(subject: Subject, scale: float) -> Subject:
+    """The subject whose ICP makes the prior so many times as large."""
+    run = subject.last.run
+    pose = np.diag([scale, scale, scale, 1.0])
+    run = replace(run, estimates=run.estimates | {"icp": replace(run.estimates["icp"], T_map_prior=pose)})
+    results = {name: replace(one, run=run) for name, one in subject.results.items()}
+    return replace(subject, results=results, runs=[run])
+
+
+@pytest.mark.parametrize(
+    ("scale", "short", "limit"),
+    [
+        (0.876, "x 0.876", "from x 0.878 to x 1.139"),
+        (0.87, "x 0.87", "from x 0.88 to x 1.14"),
+        (1.14, "x 1.140", "from x 0.878 to x 1.139"),
+    ],
+)
+def test_a_size_that_fails_does_not_look_equal_to_its_limit(
+    run: Path, scale: float, short: str, limit: str
+) -> None:
+    found = check_of(scaled(read_subject([run]), scale), "Size")
+    assert (found.grade, found.short, found.limit) == ("amber", short, limit)
+
+
+def test_a_value_and_a_limit_that_differ_are_written_so() -> None:
+    assert [count_decimals(one, (50.0,), 0) for one in (50.0, 49.0, 50.4, 49.96, 50.0001)] == [0, 0, 1, 2, 3]
+    assert [write_share(one, 0.2) for one in (0.2, 0.19, 0.204)] == ["20%", "19%", "20.4%"]
+
+
+@pytest.mark.parametrize(("fraction", "share"), [(0.203, "20.3%"), (0.3, "30%")])
+def test_a_share_that_fails_does_not_look_equal_to_its_limit(
+    run: Path, tmp_path: Path, fraction: float, share: str
+) -> None:
+    copy = edited(run, tmp_path / "d", "icp", facts={"outlier_fraction": fraction})
+    found = check_of(read_subject([copy]), "Share of outliers")
+    assert (found.grade, found.short) == ("amber", share)
+
+
+@pytest.mark.parametrize(
+    ("scale", "told"), [(0.87, "; a beat: 55%)"), (0.87, "(size alone: -34 %; "), (1.01, " % (a beat: 55%)")]
+)
+def test_the_volume_says_what_of_its_change_is_the_size(
+    run: Path, tmp_path: Path, scale: float, told: str
+) -> None:
+    copy = edited(run, tmp_path / "e", "level_set", validity={"volume_change": -0.35})
+    assert told in check_of(scaled(read_subject([copy]), scale), "Volume change").short
 
 
 def test_without_truth_calibration_is_no_entry(tmp_path: Path) -> None:

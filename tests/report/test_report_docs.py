@@ -19,7 +19,7 @@ from o3dls.evaluation.interpolation import REACH
 from o3dls.report import checks as module
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.expected import DUE, OFF
-from o3dls.report.grading import convergence, expected_error, wall
+from o3dls.report.grading import convergence, expected_error, landmarks, size, wall
 from o3dls.report.grading.check import WORDS
 from o3dls.report.page_parts import asset
 from o3dls.report.section import Maker
@@ -60,13 +60,13 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Calibration": ("_check_calibration", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
     "Landmarks": (
-        "_check_landmarks",
+        "check_landmarks",
         (
-            f"more than {module.LANDMARKS_RMS:g} mm rms",
-            f"more than {module.FAR_LANDMARK:g} mm from its place",
+            f"more than {landmarks.LANDMARKS_RMS:g} mm rms",
+            f"more than {landmarks.FAR_LANDMARK:g} mm from its place",
         ),
     ),
-    "Size": ("_check_size", (f"more than {100 * module.SIZE:g} %",)),
+    "Size": ("check_size", (f"more than {100 * size.SIZE:g} %",)),
     "Far points": (
         "_far_points",
         (

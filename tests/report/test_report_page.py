@@ -194,7 +194,7 @@ def test_every_field_can_be_chosen(visit: Visit) -> None:
     for name in options[1:]:
         assert change(visit, lambda name=name: visit.page.select_option("#field", label=name))[1] > SEEN
         label = visit.page.locator("#surface-bar .name")
-        assert not label.is_visible() if name in without_bar else label.inner_text().startswith(name)
+        assert not label.is_visible() if name in without_bar else f": {name}" in label.inner_text()
     for name in ("posterior standard deviation", "displacement, outward positive"):  # the ICP is a pose alone
         visit.page.select_option("#field", label=name)
         notes = visit.page.locator("#panels figcaption small").all_inner_texts()
@@ -207,7 +207,7 @@ def test_without_truth_the_first_colour_is_the_distance_of_points_left_out(
     case = replace(bulged_case(), truth=None)
     visit = Visit(browser, write_report([finished(tmp_path / "run", case, folds=3)]))
     first = visit.page.locator("#surface-bar .name").inner_text()
-    assert first == "distance of left-out points, mm"
+    assert first == "wall: distance of left-out points, mm"
     assert visit.page.locator("#panels figcaption small").all_inner_texts() == ["", ""]
     options = visit.page.locator("#field option").all_inner_texts()
     assert options[1] == "posterior standard deviation"
@@ -268,7 +268,7 @@ def test_points_have_their_own_value_in_the_colours_of_the_wall(mapped: Visit) -
     mapped.page.select_option("#field", label="bipolar")
     bar = mapped.page.locator("#surface-bar")
     assert [bar.locator(end).input_value() for end in (".low", ".high")] == ["0.5", "1.5"]
-    assert bar.locator(".name").inner_text() == "bipolar, mV, of wall and points"
+    assert bar.locator(".name").inner_text() == "wall and points: bipolar, mV"
     assert not mapped.page.locator("#point-bar").is_visible()
     mapped.page.get_by_label("ablation", exact=True).click()  # which carry no voltage: grey
     for ends, first, second in ((("1000", "2000"), 0, 2), (("-2000", "-1000"), 2, 0)):

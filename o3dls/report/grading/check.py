@@ -41,6 +41,22 @@ def worst_grade(found: Sequence[Check]) -> Grade:
     return raised[0].grade if raised else "good"
 
 
+def count_decimals(value: float, limits: Sequence[float], usual: int) -> int:
+    """Return how many decimals a value and its limits need so that one that is beyond a limit does not look
+    equal to it: the usual number, or up to three more.
+    """
+    for digits in range(usual, usual + 3):
+        if all(value == one or round(value, digits) != round(one, digits) for one in limits):
+            return digits
+    return usual + 3
+
+
+def write_share(value: float, *limits: float, usual: int = 0) -> str:
+    """Write a share in percent, told apart from its limits."""
+    percent = [100.0 * one for one in (value, *limits)]
+    return f"{percent[0]:.{count_decimals(percent[0], percent[1:], usual)}f}%"
+
+
 def count_words(found: Sequence[str], word: str) -> str:
     """Write how many there are of what a word names."""
     return f"{len(found)} {word}{'' if len(found) == 1 else 's'}"

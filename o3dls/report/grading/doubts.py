@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Array, Ints, Mask
 from ...evaluation.next_places import MEAN_OVER_SD
-from ...evaluation.regions import VALVE, word
+from ...evaluation.regions import VALVE, short_word, word
 from ...geometry.surface import Surface
 from ..mapping.place_words import name_place
 from ..mapping.wall_regions import wall_regions
 from ..subject import Subject
 from .check import Check, worst_grade
-from .expected_error import contradicted_regions
+from .expected_error import at_least, contradicted_regions
 from .worse_parts import WorsePart, worse_parts
 
 NAMED = 3  # on the first screen and in the pictures; the tables have all
@@ -80,7 +80,7 @@ def _contradicted(subject: Subject, surface: Surface, of: Ints) -> Iterator[Doub
     for region, one in contradicted_regions(subject).items():
         said = f"{one.distance:.1f} {subject.unit} at {one.count} left-out points"
         name = word(region)
-        yield Doubt(name, said, _middle_of(surface, of == region), region=name)
+        yield Doubt(name, said, _middle_of(surface, of == region), short_word(region), name)
 
 
 def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
@@ -100,8 +100,9 @@ def _unmapped(subject: Subject, surface: Surface, of: Ints) -> list[Doubt]:
     return [
         Doubt(
             word(int(region)),
-            f"no points, {error:.1f} {unit} by the model",
+            f"no points, {at_least(subject)}{error:.1f} {unit} by the model",
             _middle_of(surface, (of == region) & (far > 0)),
+            short_word(int(region)),
             region=word(int(region)),
             unmapped=True,
         )

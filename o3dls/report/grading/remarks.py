@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ...run_warning import Grade, each_once
+from ...run_warning import Grade, RunWarning, each_once
 from ..subject import Result, Subject
 
 FEW_POINTS = 50
@@ -51,7 +51,13 @@ def _list_those_of_stages(subject: Subject) -> list[Remark]:
         warning for result in _estimates_behind(subject) for warning in result.estimate.warnings
     )
     prefix = subject.last.name.removesuffix(subject.last.key)
-    return [Remark(f"{prefix}{one.stage}: {one.sentence}", one.grade) for one in found]
+    return [Remark(prefix + _name_stage(one), one.grade) for one in found]
+
+
+def _name_stage(one: RunWarning) -> str:
+    """Write the sentence of a warning after the name of its stage, which it may begin with."""
+    begins = one.sentence.startswith(f"{one.stage} ")
+    return one.sentence if begins else f"{one.stage}: {one.sentence}"
 
 
 def _estimates_behind(subject: Subject) -> list[Result]:

@@ -9,8 +9,9 @@ from ..mapping.place_words import describe_place
 from ..markup import signed
 from ..shape_words import words_of
 from ..subject import Subject, unmapped
-from .check import Check, Grade
+from .check import Check, Grade, count_decimals, write_share
 from .farthest_part import farthest_part
+from .size import found_scale
 
 # of the volume: healthy atria empty by 55 % of their largest (58 of 103 ml in men, 48 of 89 in women;
 # Hudsmith et al., J Cardiovasc Magn Reson 2005;7:775): half is about the most that a heart phase explains
@@ -38,11 +39,12 @@ def removed_wall(subject: Subject) -> Check:
     reach = max((float(one.get("removed_reach_mm", 0.0)) for one in facts), default=0.0)
     if share == 0.0:
         return Check(name, "good", "no part of the prior was removed", "nothing", LITTLE)
-    removed = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left"
+    amount = write_share(share, REMOVED, usual=1)
+    removed = f"{amount} of the wall was removed, up to {reach:.0f} mm from what is left"
     said = f"{removed}: check that the patient lacks it"
     template = subject.case.prior_of == "template"
     grade: Grade = "good" if template or share < REMOVED else "amber"
-    return Check(name, grade, said, f"{share:.1%}, {reach:.0f} mm", OF_TEMPLATE if template else LITTLE)
+    return Check(name, grade, said, f"{amount}, {reach:.0f} mm", OF_TEMPLATE if template else LITTLE)
 
 
 def prior_only(subject: Subject) -> Check:
@@ -54,7 +56,8 @@ def prior_only(subject: Subject) -> Check:
     if share is None:
         return Check(name, "none", "is measured on surfaces in 3D", FLAT)
     before = _unmapped_before_removal(subject)
-    said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
+    amount = write_share(share, HALF)
+    said = f"{amount} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
     if before is not None and before > share:
         said += f"; {before:.0%} before wall was removed"
     if cut := _share_cut(subject):
@@ -62,7 +65,7 @@ def prior_only(subject: Subject) -> Check:
     if missing := absent_share(subject.last.estimate.surface):
         said += f"; {missing:.1%} of the surface may not exist"
     half = max(share, before or 0.0) > HALF
-    return Check(name, "amber" if half else "good", said, f"{share:.0%}", f"up to {HALF:.0%}")
+    return Check(name, "amber" if half else "good", said, amount, f"up to {HALF:.0%}")
 
 
 def _share_cut(subject: Subject) -> float:
@@ -90,15 +93,17 @@ def farthest(subject: Subject) -> Check:
         return Check(name, "none", "is measured on surfaces in 3D", FLAT)
     at = f"around ({', '.join(f'{x:.0f}' for x in found.middle)})"
     where = ", ".join(filter(None, [describe_place(subject, found.middle), at]))
+    share = write_share(found.share, FAR_SHARE)
+    reach = f"{found.reach:.{count_decimals(found.reach, (FAR_REACH,), 0)}f} mm"
     said = (
-        f"a part of {found.share:.0%} of the wall, {where}, has no point and reaches "
-        f"{found.reach:.0f} mm from the nearest: is it part of this chamber?"
+        f"a part of {share} of the wall, {where}, has no point and reaches "
+        f"{reach} from the nearest: is it part of this chamber?"
     )
     if found.reach <= FAR_REACH:
         said = f"no wall is farther than {FAR_REACH:g} mm from a point"
-        return Check(name, "good", said, f"{found.reach:.0f} mm from a point", NEAR)
+        return Check(name, "good", said, f"{reach} from a point", NEAR)
     grade: Grade = "amber" if found.share >= FAR_SHARE else "good"
-    short = f"{found.share:.0%} of the wall, up to {found.reach:.0f} mm from any point"
+    short = f"{share} of the wall, up to {reach} from any point"
     return Check(name, grade, said, short, NEAR)
 
 
@@ -109,11 +114,21 @@ def volume(subject: Subject) -> Check:
     if change is None:
         return Check(name, "none", f"an open {words.shape} has no {words.amount}", f"open {words.shape}")
     large = abs(change) >= LARGE_CHANGE
-    short = f"{signed(100 * change, 0)} %"
+    digits = count_decimals(100 * abs(change), (100 * LARGE_CHANGE,), 0)
+    short = f"{signed(100 * change, digits)} %"
     said = f"{short} against the prior{_explain_change(subject, large)}"
     notable = subject.case.dimension == 3 and abs(change) >= SMALL_CHANGE
-    beat = f" (a beat: {BEAT:.0%})" if notable else ""
-    return Check(name, "amber" if large else "good", said, short + beat, f"below {LARGE_CHANGE:.0%}")
+    size = _describe_size(subject)
+    beside = "; ".join(filter(None, [size, f"a beat: {BEAT:.0%}" if notable else ""]))
+    beside = f" ({beside})" if beside else ""
+    return Check(name, "amber" if large else "good", said, short + beside, f"below {LARGE_CHANGE:.0%}")
+
+
+def _describe_size(subject: Subject) -> str:
+    """Say how much of the change of the volume is the scale that ICP found, where that is notable."""
+    found = found_scale(subject)
+    alone = 0.0 if found is None else found[1] ** 3 - 1.0
+    return f"size alone: {signed(100 * alone, 0)} %" if abs(alone) >= SMALL_CHANGE else ""
 
 
 def _explain_change(subject: Subject, large: bool) -> str:

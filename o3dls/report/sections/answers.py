@@ -10,22 +10,13 @@ from ...evaluation.next_places import MEAN_OVER_SD
 from ..expected import Scatter, left_out_scatter
 from ..grading.check import Check, worst_grade
 from ..grading.doubts import NAMED, doubted_regions
-from ..grading.expected_error import NARROW
+from ..grading.expected_error import NARROW, at_least
+from ..grading.remedies import remedies
 from ..mapping.advice import located, shown_advice
 from ..markup import Html, tag
 from ..subject import SETS, Subject
 from ..verdict import SMALLEST_SHARE
 from ..wall_parts import MAPPED, PRIOR_ONLY, Part, compared_parts
-
-# what to do about a check that is not OK; the others are answered by points or by the check's own sentence
-REMEDIES = {
-    "Converged": "give the motion more rounds",
-    "Size": "check units, heart phase and patient",
-    "Far points": "see whose points lie far off, and leave out those of another chamber",
-    "Share of outliers": "look at the points that were judged outliers",
-    "Removed wall": "see whether the removed wall is missing in the patient",
-    "Volume change": "check units, heart phase and missing veins",
-}
 
 
 def answers(subject: Subject, found: Sequence[Check]) -> Html:
@@ -41,10 +32,16 @@ def answers(subject: Subject, found: Sequence[Check]) -> Html:
 
 def _describe_errors(subject: Subject) -> list[str]:
     """Describe the error of each part of the wall, and whether it was measured or comes from the model."""
-    found = [_describe_error(part, subject) for part in compared_parts(subject)]
+    shown = [part for part in compared_parts(subject) if part.name != PRIOR_ONLY or _has_unmapped(subject)]
+    found = [_describe_error(part, subject) for part in shown]
     return [one for one in found if one] or [
         "not known: no stage gives a posterior, and no point was left out"
     ]
+
+
+def _has_unmapped(subject: Subject) -> bool:
+    """Whether the wall without points does not round to nothing, so that its error means something."""
+    return (subject.unmapped or 0.0) >= SMALLEST_SHARE
 
 
 def _describe_error(part: Part, subject: Subject) -> str | None:
@@ -64,7 +61,8 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
         by = f"measured, {part.n} {SETS[subject.headline or 'fitted']}"
         return f"{name} {measured:.1f} {subject.unit} ({by.removesuffix(' points')} points)"
     beside = "" if measured is None else f", more than the {measured:.1f} measured at {part.n} points"
-    return f"{name} {expected:.1f} {subject.unit} (by the model{beside})"
+    bound = at_least(subject) if part.name == PRIOR_ONLY else ""
+    return f"{name} {bound}{expected:.1f} {subject.unit} (by the model{beside})"
 
 
 def _describe_support(subject: Subject, scatter: Scatter) -> str:
@@ -97,17 +95,12 @@ def _describe_doubts(subject: Subject, found: Sequence[Check]) -> str:
 
 
 def _describe_next(subject: Subject, found: Sequence[Check]) -> str:
-    """Say what to do in one sentence: what failed comes first, then landmarks, then points."""
-    raised = {one.name: one for one in found if one.grade in ("amber", "bad")}
-    faulty = [name for name, one in raised.items() if one.grade == "bad"]
+    """Say what to do in one sentence: what failed comes first, then each check that asks for a look, then
+    points.
+    """
+    faulty = [one.name for one in found if one.grade == "bad"]
     todo = [f"find out why this failed: {', '.join(faulty)}"] if faulty else []
-    todo += [text for name, text in REMEDIES.items() if name in raised]
-    if subject.first and f"Against {subject.first.name}" in raised:
-        todo.append(f"see whether {subject.first.name} is the better surface here")
-    if (mark := raised.get("Landmarks")) is not None:
-        todo.append(f"mark {mark.short.split(',')[0]} again")
-    if any(one.code == "landmark-not-used" for one in subject.last.estimate.warnings):
-        todo.append("mark the landmark again that was not used")
+    todo += remedies(subject, found)
     todo += [] if faulty else _places_to_map(subject)
     if subject.headline == "fitted":
         todo.append("cross-validate (folds = 5)")

@@ -59,10 +59,14 @@ def _begin_remarks(told: Sequence[Remark]) -> Html | None:
         return None
     first, where = (grave, WARNINGS) if (grave := warnings_of(told)) else (told, NOTES)
     fitting = sum(end <= LETTERS for end in accumulate(len(one.sentence) for one in first))
-    shown = [f"{one.sentence.rstrip('.')}." for one in first[: max(1, fitting)]]
+    shown = [_end_sentence(one.sentence) for one in first[: max(1, fitting)]]
     more = len(told) - len(shown)
     link = tag("a", f"And {more} more", href=f"#{where.lower()}")
     return tag("span", f"{count_remarks(told)}: {' '.join(shown)} ", join(link, ".") if more else None)
+
+
+def _end_sentence(text: str) -> str:
+    return text if text.endswith(("?", ".")) else f"{text}."
 
 
 def strip(found: Sequence[Check], name: str) -> Html:

@@ -80,7 +80,8 @@ function offerInstead(panel, { key }) {
 function paintField(field) {
   shared.colours.value = textures[field.map];
   const name = field.unit ? `${field.label}, ${field.unit}` : field.label;
-  showBar("surface-bar", field.map, ownValues(field) ? `${name}, of wall and points` : name, field.range);
+  showBar("surface-bar", field.map, `${ownValues(field) ? "wall and points" : "wall"}: ${name}`, field.range);
+  $("of-left-out").hidden = !field.key.startsWith("left_out_");
   shared.range.value = field.range.slice();
 }
 

@@ -1,4 +1,4 @@
-// What stands below the colour bars: names of the regions of the wall, whose whole numbers are colours, and what hatching and grey mean.
+// What stands below the colour bars: names of the regions of the wall, whose whole numbers are colours, and what hatching, grey and diamonds mean.
 
 function showRegions(field) {
   const names = field ? field.names : [];
@@ -7,14 +7,15 @@ function showRegions(field) {
   $("region-names").replaceChildren(...[...present].sort((a, b) => a - b).map((code) => regionName(field, code)));
 }
 
-// What hatching and plain grey mean, where any of the wall that is shown has them.
+// What hatching, plain grey and diamonds mean, where any of the wall and the points that are shown have them.
 function explainWall() {
   const shown = panels.filter((panel) => panel.shown);
   const some = (name, found) => shown.some(({ geometry }) => geometry.getAttribute(name).array.some(found));
   const hatched = Boolean(scene.remoteness) && shared.hatched.value;
   $("means-hatched").hidden = !(hatched && some("remoteness", (far) => far > shared.far.value));
   $("means-grey").hidden = !(settings.field && some("value", (value) => value < -1e20));
-  $("wall-legend").hidden = $("means-hatched").hidden && $("means-grey").hidden;
+  $("means-diamond").hidden = !(settings.kinds.outliers && shown.some((panel) => panel.rows.some((i) => isOutlier(panel, i))));
+  $("wall-legend").hidden = [...$("wall-legend").children].every((one) => one.hidden);
 }
 
 function codesOf(mesh, key) {

@@ -55,7 +55,7 @@ fillFit();
 $("viewer").hidden = false;
 document.getElementById("pictures").classList.add("live");
 listWorst();
-showBar("point-bar", "points", `distance of the points, ${scene.units}`, scene.points.range);
+showBar("point-bar", "points", `points: distance to the surface, ${scene.units}`, scene.points.range);
 chooseField($("field").value);
 setTranslucency(0);
 resetView();

@@ -106,6 +106,28 @@ def test_the_legend_names_hatching_and_missing_values_where_there_are_any(halved
     assert shown() == [True, False]
 
 
+def test_each_bar_says_what_it_colours_and_that_left_out_points_are_no_error_of_the_surface(
+    halved: Visit,
+) -> None:
+    page = halved.page
+    page.select_option("#field", label="distance of left-out points")
+    names = page.locator(".bar .name").all_inner_texts()
+    assert names == ["wall: distance of left-out points, mm", "points: distance to the surface, mm"]
+    note = page.locator("#surface-bar #of-left-out")
+    assert "not the error of this surface" in note.inner_text()
+    page.select_option("#field", label="posterior standard deviation")
+    assert page.locator(".bar .name").first.inner_text().startswith("wall: posterior")
+    assert not note.is_visible()
+
+
+def test_the_legend_names_diamonds_where_points_are_judged_outliers(halved: Visit) -> None:
+    page, diamond = halved.page, halved.page.locator("#means-diamond")
+    assert diamond.is_visible()
+    assert diamond.inner_text() == "point judged an outlier"
+    page.locator("#kinds").get_by_label("outliers").uncheck()
+    assert not diamond.is_visible()
+
+
 def test_a_wall_full_of_points_needs_no_legend(visit: Visit) -> None:
     visit.page.select_option("#field", label="distance to truth")
     assert visit.page.locator("#means-grey").is_hidden()
