@@ -49,7 +49,7 @@ def test_ellipsoids_hold_as_many_errors_as_their_size_says(factor: float) -> Non
 
 
 def share_within(factor: float) -> float:
-    """Share of Gaussian errors `factor` times too large that lie in an ellipsoid for 95 % of those with tails."""
+    """Share of Gaussian errors, `factor` times too large, in an ellipsoid for 95 % of those with tails."""
     return float(chi2.cdf((band(0.95, 3) / factor) ** 2, 3))
 
 
