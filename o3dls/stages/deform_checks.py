@@ -88,8 +88,9 @@ def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
 
     if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
         return []
-    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, and without the points' order "
-    why = "their common errors look the same: it may be twice as far off as said; export points with times"
+    moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, or points share errors: "
+    why = "without their order these look alike, and the result may be farther off than said; "
+    why += "export the points with their times"
     return [RunWarning("order-lost", moves + why)]
 
 

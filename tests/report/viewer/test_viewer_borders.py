@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,23 +65,24 @@ def edge(picture: Any) -> float:
     return float(np.ptp(np.flatnonzero((picture[..., 3] > 250).any(axis=0)))) * np.pi / 2 / 15
 
 
-def test_the_border_of_two_regions_is_a_line_across_triangles(bare: Visit) -> None:
+@pytest.mark.parametrize(
+    ("field", "other"),
+    [
+        ("region of the wall", lambda colour: colour[..., 0] > colour[..., 2]),
+        ("force", lambda colour: np.ptp(colour, axis=2) > 40),  # wall without a value is grey
+    ],
+    ids=["regions", "no value"],
+)
+def test_the_border_of_classes_is_a_line_across_triangles(
+    bare: Visit, field: str, other: Callable[[Any], Any]
+) -> None:
     """Along the triangles it would be rough by a fourth of an edge."""
-    bare.page.select_option("#field", label="region of the wall")
+    bare.page.select_option("#field", label=field)
     bare.settle()
     picture = bare.picture(0).astype(float)
     within = picture[..., 3] > 250
     within[-60:] = False
-    assert roughness(picture[..., 0] > picture[..., 2], within) < 0.06 * edge(picture)
-
-
-def test_the_border_of_wall_without_a_value_is_a_line_across_triangles(bare: Visit) -> None:
-    bare.page.select_option("#field", label="force")
-    bare.settle()
-    picture = bare.picture(0).astype(float)
-    within = picture[..., 3] > 250
-    within[-60:] = False
-    assert roughness(np.ptp(picture[..., :3], axis=2) > 40, within) < 0.06 * edge(picture)
+    assert roughness(other(picture[..., :3]), within) < 0.06 * edge(picture)
 
 
 def test_the_region_under_the_pointer_is_named_as_the_picture_shows_it(bare: Visit) -> None:
