@@ -210,4 +210,4 @@ def write_csv(path: Path, found: list[Measure]) -> None:
 
 
 def _show(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}"
+    return "-" if np.isnan(value) else f"{value:.1f}" if abs(value) >= 9.995 else f"{value:.2f}"
