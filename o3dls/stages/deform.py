@@ -22,13 +22,12 @@ from .deform_checks import (
     POINT_CODES,
     alternatives,
     another_heart,
-    case_warnings,
     motion_warnings,
     order_lost,
     point_warnings,
     shifted,
 )
-from .deform_data import differences, observed
+from .deform_data import case_warnings, differences, observed
 from .deform_parameters import DeformParameters
 
 if TYPE_CHECKING:

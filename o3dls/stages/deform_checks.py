@@ -1,4 +1,4 @@
-"""Warnings of the stage `deform`: on the case, on its points, and on the motion that was found."""
+"""Warnings of the stage `deform` on the points of a fit and on the motion that was found."""
 
 from __future__ import annotations
 
@@ -7,17 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case import Case, Points
+from ..case import Case
 from ..columns import times_of
 from ..errors import SolverError
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
-from .pose_checks import swapped_landmarks
 
 if TYPE_CHECKING:
-    from ..arrays import Array
     from ..motion.field.observations import Data
-    from ..motion.problem import MotionProblem
     from ..motion.result import MotionFit
     from ..noise.shifted_part import MapShift
 
@@ -26,29 +23,12 @@ MANY = 0.5  # fraction of outliers that is worth a warning
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "the start, scale, frame or landmarks may be wrong"
 CAPTURED = 0.05  # fraction of points that a motion captures: .04 is the most of good fits
-# area of a prior's smooth wall over its own: patients' have .94 and more, stairs of label volumes .79
-SMOOTH = 0.7
 OUTDATED = 1.1  # points over those that amplitudes and noise were estimated from
-UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
 # rms gradient of the motion: motions of one heart have up to 0.19, a prior bent into another has 0.2 to 0.4
 ANOTHER_HEART = 0.2
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is almost as probable
 # what an update judges again
 POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes", "errors-together")
-
-
-def case_warnings(
-    case: Case, kinds: tuple[str, ...], pose: Array, problem: MotionProblem
-) -> list[RunWarning]:
-    """Warn of mistakes in the prior, its landmarks in the start pose, and the column `sigma` of the points of
-    some kinds.
-    """
-    return [
-        *swapped_landmarks(case, pose),
-        *_warn_if_crumpled(problem),
-        *_small_components(case.prior),
-        *_warn_of_sigma(case.points.of(*kinds), case.units),
-    ]
 
 
 def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> list[RunWarning]:
@@ -202,51 +182,6 @@ def stretched(fit: MotionFit, found: Surface, unit: str) -> list[RunWarning]:
         f"({middle}) {unit}: do the points there belong to this chamber?"
     )
     return [RunWarning("stretched-wall", sentence)]
-
-
-def _warn_if_crumpled(problem: MotionProblem) -> list[RunWarning]:
-    """Warn if a fold of the prior is near every point: distances to such a wall tell little."""
-    from ..geometry.differential import facing
-
-    fraction = facing(problem.rest.at, problem.faces, problem.rest.normals)
-    if fraction > SMOOTH:
-        return []
-    sentence = (
-        f"the prior is crumpled ({1.0 / fraction:.2g} times the area of a smooth wall): every point has some "
-        "fold nearby, and noise and motion follow the folds; smooth the prior first"
-    )
-    return [RunWarning("crumpled-prior", sentence)]
-
-
-def _warn_of_sigma(points: Points, unit: str) -> list[RunWarning]:
-    """Warn if the column `sigma` may not mean what it says."""
-    sigma = points.numbers("sigma")
-    given = sigma[np.isfinite(sigma)]
-    if len(given) == 0:
-        return []
-    found = list[RunWarning]()
-    missing = len(sigma) - len(given)
-    if given.max() > UNITS_APART * given.min():
-        sentence = f"sigma ranges from {given.min():.2g} to {given.max():.2g}: are all values in {unit}?"
-        found.append(RunWarning("sigma-range", sentence))
-    if missing:
-        median = f"the median of the others, {points.typical_sigma:.2g} {unit}"
-        sentence = f"{missing} of {len(sigma)} points have no sigma: it is taken to be {median}"
-        found.append(RunWarning("sigma-missing", sentence))
-    return found
-
-
-def _small_components(prior: Surface) -> list[RunWarning]:
-    """Warn if small components lie around the prior: any of them may be nearest to a point."""
-    from ..geometry.components import SMALL_COMPONENT, component_areas
-
-    _, areas = component_areas(prior)
-    small = int((areas[areas > 0.0] < SMALL_COMPONENT * areas.max()).sum())
-    if not small:
-        return []
-    some = f"{small} small components" if small > 1 else "a small component"
-    sentence = f"the prior has {some} that points may be assigned to: remove what does not belong to the wall"
-    return [RunWarning("small-components", sentence)]
 
 
 def _warn_of_duplicates(data: Data, unit: str) -> list[RunWarning]:

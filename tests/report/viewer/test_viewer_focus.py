@@ -84,7 +84,10 @@ def test_one_finger_scrolls_the_page_and_two_zoom_the_picture(browser: Any, repo
     assert scrolled > 50
     assert changed < SAME
     visit.page.evaluate("scrolled => scrollBy(0, -scrolled)", scrolled)
-    visit.page.touchscreen.tap(x, y)  # gives it the focus
+    visit.settle()
+    visit.page.touchscreen.tap(x, y)  # gives it the focus, once the browser knows that it was no drag
+    visit.page.wait_for_function("document.activeElement.style.touchAction === 'none'")
+    visit.settle()  # the thread that scrolls hears of it with the next picture
     scrolled, changed = zoomed(visit, one)
     assert scrolled == 0
     assert changed > SAME
