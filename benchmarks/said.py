@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.scores import QUANTILES, Record
+from benchmarks.bands import LIKELY, QUANTILES
+from benchmarks.scores import Record
 from benchmarks.verdict import GRADES, WORDS, auc, read_records, reasons, true_error
 
 BEHIND = 0.1  # mm farther than ICP, from which on a user should hear of it
@@ -101,24 +102,41 @@ def _compare_with_icp(records: Sequence[Record]) -> list[str]:
 
 
 def _sum_up_bands(records: Sequence[Record]) -> list[str]:
-    """The mean share of the wall within its bands, where the records have it."""
+    """The mean share of the wall within its bands, of all of it and of what is there, and what is."""
     found = []
+    held = [record["truth"].get("bands", {}) for record in records]
     for part in ("mapped", "unmapped"):
-        held = [record["truth"].get("bands", {}) for record in records]
-        if shares := [(one[f"{part}68"], one[f"{part}95"]) for one in held if f"{part}68" in one]:
-            low, high = 100.0 * np.mean(shares, axis=0)
-            found.append(
-                f"{part} wall within its 68 % band: {low:.1f} %, within its 95 % band: {high:.1f} % "
-                f"({len(shares)} cases)"
-            )
-        if said := [one[f"{part}_said95"] for one in held if f"{part}_said95" in one]:
-            found.append(
-                f"{part} wall said to be there and within its 95 % band: {100.0 * np.mean(said):.1f} %"
-            )
+        for name, key in ((f"{part} wall", part), (f"{part} wall that is there", f"{part}_there")):
+            if shares := [(one[f"{key}68"], one[f"{key}95"]) for one in held if f"{key}68" in one]:
+                low, high = 100.0 * np.mean(shares, axis=0)
+                found.append(
+                    f"{name}: {low:.1f} % within its 68 % band, {high:.1f} % within its 95 % band "
+                    f"({len(shares)} cases)"
+                )
         names = [f"{part}_within_{percent}" for percent in QUANTILES]
         if within := [[one[name] for name in names] for one in held if names[0] in one]:
             shown = ", ".join(f"{one:.2f}" for one in np.mean(within, axis=0))
             found.append(f"{part} wall: {', '.join(map(str, QUANTILES))} % are within {shown} deviations")
+        if known := [(one[f"{part}_said"], one[f"{part}_there"]) for one in held if f"{part}_there" in one]:
+            said, there = 100.0 * np.mean(known, axis=0)
+            found.append(f"{part} wall: {said:.1f} % is said to be there, {there:.1f} % is")
+    return found + _sum_up_existence([one for one in held if f"wall_{100.0 * LIKELY[0]:.0f}" in one])
+
+
+def _sum_up_existence(held: Sequence[Record]) -> list[str]:
+    """How much wall of each class of existence is said to be there, and is; classes without wall are left
+    out.
+    """
+    found = []
+    for most in LIKELY:
+        wall, said, there = (
+            sum(one[f"{name}_{100.0 * most:.0f}"] for one in held) for name in ("wall", "said", "there")
+        )
+        if wall > 0.0:
+            found.append(
+                f"existence up to {most:g}: {100.0 * wall / len(held):.2f} % of the wall, "
+                f"{100.0 * said / wall:.0f} % of it is said to be there, {100.0 * there / wall:.0f} % is"
+            )
     return found
 
 

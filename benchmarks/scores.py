@@ -15,7 +15,7 @@ from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import SAMPLES, distances, sample
 from o3dls.evaluation.interpolation import REACH
-from o3dls.evaluation.statistics import BAND_68, BAND_95
+from o3dls.evaluation.statistics import BAND_95
 from o3dls.evaluation.validity import validity
 from o3dls.geometry.surface import Surface
 
@@ -24,8 +24,6 @@ Record = dict[str, Any]
 FLAT_WITHIN = (
     0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
 )
-WORST = 0.01  # of the wall, by area
-QUANTILES = (50, 80, 90, 95, 99)  # percent
 VERTICES = 2000  # vertices that calibration looks at
 SEED = 770_143_905
 # fields of a true surface, as data_synth.unvisited writes them: how far beyond the body, number of the vein
@@ -174,7 +172,7 @@ def calibration(case: Case, estimate: Estimate) -> Scores:
         error = distances(estimate.surface.vertices[rows], truth.surface)
         ideal = np.abs(np.random.default_rng(SEED).normal(size=len(rows)) * sd[rows])
         within = error <= BAND_95 * sd[rows]
-        far = _find_distances(case, estimate.surface.vertices[rows]) > REACH
+        far = point_distances(case, estimate.surface.vertices[rows]) > REACH
         found["cover95"] = float(within.mean())
         found |= {"prior_only": float(far.mean()), "prior_only_within": float((far & within).mean())}
         found["rank"], found["rank_ideal"] = (
@@ -184,52 +182,7 @@ def calibration(case: Case, estimate: Estimate) -> Scores:
     return found
 
 
-def bands(case: Case, estimate: Estimate) -> Scores:
-    """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
-    band that should hold 68 and 95 % of it; share of the wall that is unmapped, which a report hatches, and
-    of the WORST of it; share of the WORST in the tenth with the largest deviation; deviations within which
-    QUANTILES of the errors are; what of the wall is said to be there and within its 95 % band. Empty for an
-    estimate without deviation.
-    """
-    assert case.truth is not None
-    assert case.truth.surface is not None
-    surface = estimate.surface
-    found = Scores()
-    sd = surface.fields.get(f"sd_{case.units}")
-    if sd is None:
-        return found
-    error = distances(surface.vertices, case.truth.surface)
-    existence = surface.fields.get("existence", np.ones(len(error)))
-    area = surface.vertex_areas
-    near = _find_distances(case, surface.vertices) <= REACH
-    for name, part in (("mapped", near), ("unmapped", ~near)):
-        if area[part].sum() > 0:
-            for percent, width in ((68, BAND_68), (95, BAND_95)):
-                found[f"{name}{percent}"] = float(area[part] @ (error <= width * sd)[part] / area[part].sum())
-            within = _find_quantiles((error / sd)[part], area[part], np.array(QUANTILES) / 100)
-            found |= {f"{name}_within_{q}": float(one) for q, one in zip(QUANTILES, within, strict=True)}
-            found[f"{name}_said95"] = 0.95 * float(area[part] @ existence[part] / area[part].sum())
-    worst, unsure = (_choose_largest(value, area, share) for value, share in ((error, WORST), (sd, 0.1)))
-    for name, part in (("hatched", ~near), ("unsure", unsure)):
-        found[f"worst_{name}"] = float(area[worst] @ part[worst] / area[worst].sum())
-    return found | {"hatched": float(area @ ~near / area.sum())}
-
-
-def _find_quantiles(values: Array, weights: Array, shares: Array) -> Array:
-    """The values (m,) below which these shares (m,) of the weights are."""
-    order = np.argsort(values)
-    return np.interp(shares, weights[order].cumsum() / weights.sum(), values[order])
-
-
-def _choose_largest(values: Array, area: Array, share: float) -> NDArray[np.bool_]:
-    """Which vertices (n,) have the largest values, as many as this share of the area holds, at least one."""
-    order = np.argsort(-values, kind="stable")
-    chosen = np.zeros(len(values), dtype=bool)
-    chosen[order[: max(1, int((area[order].cumsum() <= share * area.sum()).sum()))]] = True
-    return chosen
-
-
-def _find_distances(case: Case, at: Array) -> Array:
+def point_distances(case: Case, at: Array) -> Array:
     """Distance of places (n, d) to the nearest mapping point, as the field `prior_only` of a run has it."""
     from scipy.spatial import cKDTree
 

@@ -41,7 +41,8 @@ import numpy as np
 
 from benchmarks.cases import Listed, find, tuned_as
 from benchmarks.peers import FAILURES, PEERS, applicable, tuned
-from benchmarks.scores import Record, bands, lay_out, on_wall, truth_distances
+from benchmarks.bands import bands
+from benchmarks.scores import Record, lay_out, on_wall, truth_distances
 from benchmarks.verdict_statistics import statistics
 from o3dls.arrays import Array
 from o3dls.case import Case

@@ -1,0 +1,94 @@
+"""Whether deviations are what errors are, and whether wall is there as often as it is said to be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.scores import Scores, point_distances
+from o3dls.arrays import Array
+from o3dls.case import Case
+from o3dls.estimate import Estimate
+from o3dls.evaluation.distances import distances
+from o3dls.evaluation.interpolation import REACH
+from o3dls.evaluation.statistics import BAND_68, BAND_95
+from o3dls.geometry.surface import Surface
+
+WORST = 0.01  # of the wall, by area
+QUANTILES = (50, 80, 90, 95, 99)  # percent
+LIKELY = (0.4, 0.6, 0.8, 0.9, 0.95, 1.0)  # largest existence of each class of wall
+
+
+def bands(case: Case, estimate: Estimate) -> Scores:
+    """Share of the mapped and of the unmapped wall, by area, whose distance from the true one is within the
+    band that should hold 68 and 95 % of it, of all of it and of what is `there`; deviations within which
+    QUANTILES of the errors are; share that is there, and that is said to be; the same for each class of
+    existence; share of the wall that is unmapped, which a report hatches, and of the WORST of it; share of
+    the WORST in the tenth with the largest deviation. Empty for an estimate without deviation.
+    """
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    surface = estimate.surface
+    found = Scores()
+    sd = surface.fields.get(f"sd_{case.units}")
+    if sd is None:
+        return found
+    error = distances(surface.vertices, case.truth.surface)
+    existence = surface.fields.get("existence", np.ones(len(error)))
+    area, there = surface.vertex_areas, is_there(surface, case.truth.surface)
+    near = point_distances(case, surface.vertices) <= REACH
+    for name, part in (("mapped", near), ("unmapped", ~near)):
+        if area[part].sum() <= 0.0:
+            continue
+        for percent, width in ((68, BAND_68), (95, BAND_95)):
+            within = error <= width * sd
+            found[f"{name}{percent}"] = _share(within, area * part)
+            if there[part].any():
+                found[f"{name}_there{percent}"] = _share(within, area * (part & there))
+        quantiles = _find_quantiles((error / sd)[part], area[part], np.array(QUANTILES) / 100)
+        found |= {f"{name}_within_{q}": float(one) for q, one in zip(QUANTILES, quantiles, strict=True)}
+        found |= {f"{name}_there": _share(there, area * part), f"{name}_said": _share(existence, area * part)}
+    found |= _sort_by_existence(existence, there, area / area.sum())
+    worst, unsure = (_choose_largest(value, area, share) for value, share in ((error, WORST), (sd, 0.1)))
+    found |= {"worst_hatched": _share(~near, area * worst), "worst_unsure": _share(unsure, area * worst)}
+    return found | {"hatched": _share(~near, area)}
+
+
+def is_there(surface: Surface, truth: Surface) -> NDArray[np.bool_]:
+    """Whether each vertex (n,) is on wall that the truth has, too: of the place of the truth next to it, the
+    next place on the surface is within REACH of it, the radius of a vein. From a wall that is off, however
+    far, one comes back; the truth next to a vein that does not exist lies at its mouth.
+    """
+    from o3dls.geometry.closest_point import ClosestPoint
+
+    foot = ClosestPoint(truth.vertices, truth.faces).query(surface.vertices)[2]
+    back = ClosestPoint(surface.vertices, surface.faces).query(foot)[2]
+    return np.asarray(np.linalg.norm(back - surface.vertices, axis=1) <= REACH)
+
+
+def _sort_by_existence(existence: Array, there: NDArray[np.bool_], share: Array) -> Scores:
+    """How much wall, of all, is in each class of LIKELY, is said to be there, and is."""
+    found = Scores()
+    classes = np.searchsorted(LIKELY, existence)
+    for k, most in enumerate(LIKELY):
+        for name, value in (("wall", 1.0), ("said", existence), ("there", there)):
+            found[f"{name}_{100.0 * most:.0f}"] = float((share * value)[classes == k].sum())
+    return found
+
+
+def _share(part: Array | NDArray[np.bool_], area: Array) -> float:
+    return float(area @ part / area.sum())
+
+
+def _find_quantiles(values: Array, weights: Array, shares: Array) -> Array:
+    """The values (m,) below which these shares (m,) of the weights are."""
+    order = np.argsort(values)
+    return np.interp(shares, weights[order].cumsum() / weights.sum(), values[order])
+
+
+def _choose_largest(values: Array, area: Array, share: float) -> NDArray[np.bool_]:
+    """Which vertices (n,) have the largest values, as many as this share of the area holds, at least one."""
+    order = np.argsort(-values, kind="stable")
+    chosen = np.zeros(len(values), dtype=bool)
+    chosen[order[: max(1, int((area[order].cumsum() <= share * area.sum()).sum()))]] = True
+    return chosen
