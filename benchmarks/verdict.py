@@ -39,9 +39,9 @@ from time import perf_counter
 
 import numpy as np
 
+from benchmarks.bands import bands
 from benchmarks.cases import Listed, find, tuned_as
 from benchmarks.peers import FAILURES, PEERS, applicable, tuned
-from benchmarks.bands import bands
 from benchmarks.scores import Record, lay_out, on_wall, truth_distances
 from benchmarks.verdict_statistics import statistics
 from o3dls.arrays import Array
