@@ -1,11 +1,20 @@
-"""Whether deviations are what errors are, and whether wall is there as often as it is said to be."""
+"""Whether deviations are what errors are, and whether wall is there as often as it is said to be.
+
+The table has a row for the mapped and one for the unmapped wall of each kind of case; shares are by area, in
+the mean of the cases. `within 68 %`, `within 95 %`: of wall that is there, the share within these bands; `of
+all`: the same of all wall. `deviations`: within how many of them 50, 80, 90, 95 and 99 % of the errors of all
+wall are. `said`, `is`: the share of the wall that is said to be there, and that is. The classes of existence
+under it are of all cases together.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.scores import Scores, point_distances
+from benchmarks.scores import Record, Scores, point_distances
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
@@ -16,6 +25,8 @@ from o3dls.geometry.surface import Surface
 
 WORST = 0.01  # of the wall, by area
 QUANTILES = (50, 80, 90, 95, 99)  # percent
+PARTS = ("mapped", "unmapped")
+HEAD = ("cases", "wall", "number", "within 68 %", "within 95 %", "of all", "deviations", "said", "is")
 LIKELY = (0.4, 0.6, 0.8, 0.9, 0.95, 1.0)  # largest existence of each class of wall
 
 
@@ -92,3 +103,56 @@ def _choose_largest(values: Array, area: Array, share: float) -> NDArray[np.bool
     chosen = np.zeros(len(values), dtype=bool)
     chosen[order[: max(1, int((area[order].cumsum() <= share * area.sum()).sum()))]] = True
     return chosen
+
+
+def bands_table(records: Sequence[Record]) -> list[str]:
+    """The lines of the table in Markdown, and of the classes of existence; of records that have bands."""
+    held = [record for record in records if record["truth"].get("bands")]
+    if not held:
+        return []
+    kinds = {"all": held, "all but altered": [one for one in held if kind_of(one) != "altered"]}
+    for record in held:
+        kinds.setdefault(kind_of(record), []).append(record)
+    rows = [_describe_bands(kind, part, members) for kind, members in kinds.items() for part in PARTS]
+    lines = [HEAD, ("---",) * len(HEAD), *(row for row in rows if row)]
+    existing = _describe_existence([record["truth"]["bands"] for record in held])
+    return ["", *("| " + " | ".join(line) + " |" for line in lines), "", *existing]
+
+
+def kind_of(record: Record) -> str:
+    """The kind of a case: the first word of its group."""
+    return str(record["group"]).split("_", 1)[0]
+
+
+def _describe_bands(kind: str, part: str, records: Sequence[Record]) -> tuple[str, ...]:
+    """A row of the table; empty where no case has such wall."""
+    held = [one["truth"]["bands"] for one in records if f"{part}68" in one["truth"]["bands"]]
+    if not held:
+        return ()
+
+    def mean(key: str) -> float:
+        known = [one[f"{part}{key}"] for one in held if f"{part}{key}" in one]
+        return float(np.mean(known)) if known else np.nan
+
+    deviations = ", ".join(f"{mean(f'_within_{percent}'):.2f}" for percent in QUANTILES)
+    shares = [f"{100.0 * mean(key):.1f}" for key in ("_there68", "_there95")]
+    whole = f"{100.0 * mean('68'):.1f}, {100.0 * mean('95'):.1f}"
+    existing = [f"{100.0 * mean(key):.1f}" for key in ("_said", "_there")]
+    return (kind, part, str(len(held)), *shares, whole, deviations, *existing)
+
+
+def _describe_existence(held: Sequence[Scores]) -> list[str]:
+    """How much wall of each class of existence is said to be there, and is; classes without wall are left
+    out.
+    """
+    found = []
+    for most in LIKELY:
+        wall, said, there = (
+            sum(one[f"{name}_{100.0 * most:.0f}"] for one in held) for name in ("wall", "said", "there")
+        )
+        if wall > 0.0:
+            found.append(
+                f"existence up to {most:g}: {100.0 * wall / len(held):.2f} % of the wall, "
+                f"{100.0 * said / wall:.0f} % of it is said to be there, {100.0 * there / wall:.0f} % is"
+            )
+    return found

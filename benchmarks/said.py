@@ -8,8 +8,7 @@ A row has the grade, the error that the headline expects and the true one (mean 
 the result is bad, the regions that the screen names as not to rely on, and the region of the result that is
 farthest from the true wall in the mean. `named`: whether that region is among the named ones. Under the rows:
 how many bad results are OK, the AUC of the grade, which results are farther from the truth than ICP's by more
-than 0.1 mm, and in the mean of the cases the share of the wall within the bands of 68 and 95 %, and where the
-worst 1 % of the wall is.
+than 0.1 mm, and where the worst 1 % of the wall is; then the table of benchmarks.bands.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bands import LIKELY, QUANTILES
+from benchmarks.bands import bands_table
 from benchmarks.scores import Record
 from benchmarks.verdict import GRADES, WORDS, auc, read_records, reasons, true_error
 
@@ -89,7 +88,7 @@ def _sum_up(records: Sequence[Record]) -> list[str]:
             f"true over said error of mapped wall: median {np.median(mapped):.2f}, within a factor {NEAR:g} "
             f"in {near} of {len(mapped)}"
         )
-    return [*found, *_compare_with_icp(records), *_sum_up_bands(records), *_sum_up_worst(records)]
+    return [*found, *_compare_with_icp(records), *_sum_up_worst(records), *bands_table(records)]
 
 
 def _compare_with_icp(records: Sequence[Record]) -> list[str]:
@@ -99,45 +98,6 @@ def _compare_with_icp(records: Sequence[Record]) -> list[str]:
     silent = [record["case"] for record in behind if record["grade"] == "good"]
     said = f"farther than ICP by more than {BEHIND:g} mm: {len(behind)} of {len(judged)}"
     return [f"{said}, {len(silent)} of them OK{': ' if silent else ''}{', '.join(silent)}"] if judged else []
-
-
-def _sum_up_bands(records: Sequence[Record]) -> list[str]:
-    """The mean share of the wall within its bands, of all of it and of what is there, and what is."""
-    found = []
-    held = [record["truth"].get("bands", {}) for record in records]
-    for part in ("mapped", "unmapped"):
-        for name, key in ((f"{part} wall", part), (f"{part} wall that is there", f"{part}_there")):
-            if shares := [(one[f"{key}68"], one[f"{key}95"]) for one in held if f"{key}68" in one]:
-                low, high = 100.0 * np.mean(shares, axis=0)
-                found.append(
-                    f"{name}: {low:.1f} % within its 68 % band, {high:.1f} % within its 95 % band "
-                    f"({len(shares)} cases)"
-                )
-        names = [f"{part}_within_{percent}" for percent in QUANTILES]
-        if within := [[one[name] for name in names] for one in held if names[0] in one]:
-            shown = ", ".join(f"{one:.2f}" for one in np.mean(within, axis=0))
-            found.append(f"{part} wall: {', '.join(map(str, QUANTILES))} % are within {shown} deviations")
-        if known := [(one[f"{part}_said"], one[f"{part}_there"]) for one in held if f"{part}_there" in one]:
-            said, there = 100.0 * np.mean(known, axis=0)
-            found.append(f"{part} wall: {said:.1f} % is said to be there, {there:.1f} % is")
-    return found + _sum_up_existence([one for one in held if f"wall_{100.0 * LIKELY[0]:.0f}" in one])
-
-
-def _sum_up_existence(held: Sequence[Record]) -> list[str]:
-    """How much wall of each class of existence is said to be there, and is; classes without wall are left
-    out.
-    """
-    found = []
-    for most in LIKELY:
-        wall, said, there = (
-            sum(one[f"{name}_{100.0 * most:.0f}"] for one in held) for name in ("wall", "said", "there")
-        )
-        if wall > 0.0:
-            found.append(
-                f"existence up to {most:g}: {100.0 * wall / len(held):.2f} % of the wall, "
-                f"{100.0 * said / wall:.0f} % of it is said to be there, {100.0 * there / wall:.0f} % is"
-            )
-    return found
 
 
 def _sum_up_worst(records: Sequence[Record]) -> list[str]:
