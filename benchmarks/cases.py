@@ -14,7 +14,8 @@ development and the other ten for judging; `pairs` takes every one of them as pr
 points; `poses` crosses twenty patients' atria without landmarks, from a rough pose and in an unknown frame;
 `families` moves all fifteen for judging, by other motions, `lasc` the atria of lasc2018; `unvisited`, `whole`
 and `badly_segmented` have a patient's own atrium as the prior, and a map that leaves wall out, a dense one,
-or a prior that lacks wall, `paths` a map that is taken along a path; `one_sided` a wall that is folded on one
+or a prior that lacks wall, `paths` a map that is taken along a path, `shuffled` the same map in no order;
+`one_sided` a wall that is folded on one
 side, or points that float there; `altered` has something wrong, and healthy cases beside it. Crossed cases
 say prior_of = "template". Names are groups and seeds as benchmarks.accuracy reads them:
 
@@ -25,6 +26,7 @@ say prior_of = "template". Names are groups and seeds as benchmarks.accuracy rea
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
     whole_<points>_<even|clustered>_<seed>                         noise 1.5 mm, 5 % outliers
     path_<groups|dragged>_<points>_<seed>                          errors that go together, 1 to 2 mm rms
+    shuffled_<groups|dragged>_<points>_<seed>                      the same in no order
     <fold|crowd>_<points>_<seed>                   a side of the wall is 9 mm farther inside, or as many
                                                    points float there, down to 18 mm; noise 1 mm
     badly_segmented_<points>_<even|clustered>_<seed>
@@ -68,7 +70,7 @@ from data_synth.alignment import alongside
 from data_synth.altered import ALTERATIONS, altered
 from data_synth.catheter import Path as Way
 from data_synth.families import FAMILIES
-from data_synth.faulty_maps import along, crowded, folded
+from data_synth.faulty_maps import along, crowded, folded, shuffled
 from data_synth.visits import SHARES
 from o3dls.arrays import Array
 from o3dls.case import Case
@@ -80,7 +82,7 @@ from o3dls.io.case_writer import write_case
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
     r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
-    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|path_[a-z]+_\d+|(?:fold|crowd)_\d+"
+    r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|(?:path|shuffled)_[a-z]+_\d+|(?:fold|crowd)_\d+"
     r"|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
@@ -449,13 +451,15 @@ class AlongPath:
     prior: str
     family: str
     dragged: bool
+    in_order: bool = True
     truth: None = None
 
     def case(self, data: Path) -> Case:
         prior = _read_wall(data, self.prior)
         still = family(prior, self.seed, family=self.family, how=Mapping(self.points, OWN_NOISE, False))
         rng = np.random.default_rng((self.seed, self.points, 70_841))
-        return along(rng, still, Way(self.points, rng.uniform(*PATH_RMS), PATH_INSIDE, self.dragged))
+        found = along(rng, still, Way(self.points, rng.uniform(*PATH_RMS), PATH_INSIDE, self.dragged))
+        return found if self.in_order else shuffled(rng, found)
 
 
 def along_paths(judging: bool) -> Iterator[AlongPath]:
@@ -467,6 +471,12 @@ def along_paths(judging: bool) -> Iterator[AlongPath]:
         for k, (prior, motion) in enumerate(zip(atria, cycle(FAMILIES), strict=False)):
             seed = FIRST_SEED["paths"][judging] + k
             yield AlongPath(f"path_{way}_{points}_{seed}", seed, points, prior, motion, dragged)
+
+
+def in_no_order(judging: bool) -> Iterator[AlongPath]:
+    """The same maps, whose order was lost."""
+    for path in along_paths(judging):
+        yield replace(path, name=path.name.replace("path", "shuffled"), in_order=False)
 
 
 @dataclass(frozen=True)
@@ -615,6 +625,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "unvisited": left_out,
     "whole": densely_mapped,
     "paths": along_paths,
+    "shuffled": in_no_order,
     "one_sided": one_sided,
     "badly_segmented": bad_priors,
     "altered": altered_cases,

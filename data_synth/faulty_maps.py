@@ -79,6 +79,16 @@ def along(rng: Rng, case: Case, how: Path) -> Case:
     return replace(found, truth=replace(truth, outliers=rows))
 
 
+def shuffled(rng: Rng, case: Case) -> Case:
+    """The points are in no order, without their times and groups, as a sorted table leaves them."""
+    rows, truth = rng.permutation(len(case.points)), true_of(case)
+    points = case.points.select(rows)
+    columns = {name: column for name, column in points.columns.items() if name not in ("time", "group")}
+    if truth.outliers is not None:
+        truth = replace(truth, outliers=np.flatnonzero(np.isin(rows, truth.outliers)))
+    return replace(case, points=replace(points, columns=columns, order=None), truth=truth)
+
+
 def half(rng: Rng, case: Case) -> Case:
     """Only the points on one side of a plane through the middle are there; landmarks all."""
     key = case.points.xyz @ moves.direction(rng)

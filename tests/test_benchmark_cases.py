@@ -22,6 +22,7 @@ from benchmarks.cases import find, tuned_as
         ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
         ("whole_20000_clustered_3104", "whole_20000_clustered", "whole_20000_clustered"),
         ("path_dragged_500_3204", "path_dragged_500", "path_dragged_500"),
+        ("shuffled_groups_250_3201", "shuffled_groups_250", "shuffled_groups_250"),
         ("unvisited_half_350_even_705", "unvisited_half_350_even", "unvisited_half_350_even"),
         (
             "badly_segmented_250_clustered_2902",

@@ -88,6 +88,11 @@ def _go_on(fit: MotionFit, state: State) -> MotionFit:
     return motion_fit(run, fit.motion.probability, fit.motion.pose_alone, least)
 
 
+def with_doubt(fit: MotionFit, doubt: float) -> MotionFit:
+    """Return the fit whose deviation allows for errors that points share unseen, of the deviation `doubt`."""
+    return replace(fit, motion=replace(fit.motion, doubt=doubt), sd=np.hypot(fit.sd, doubt)) if doubt else fit
+
+
 def lost_order(fit: MotionFit) -> float | None:
     """Return the deviation of the detail that the wall took on, where errors that neighbours share may be in
     it unseen: the points come in no order in space, and there is much of it. None where that is not so.

@@ -23,7 +23,7 @@ class FittedMotion:
     probability is that the points show a motion at all: so far the field is followed, and for the rest the
     similarity `pose_alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that
     points which cannot tell a motion from noise leave the prior its shape. inflation calibrates the deviation
-    (docs/method_deviation.md).
+    (docs/method_deviation.md), and doubt is that of errors which the points may share unseen.
     """
 
     vertices: Array  # of the prior, in its own frame
@@ -37,6 +37,7 @@ class FittedMotion:
     pose_alone: Array
     inflation: float
     tree: ClosestPoint  # of the faces, wherever the vertices are
+    doubt: float = 0.0
 
     def __call__(self, points: Array) -> Array:
         places = self._find_reference(points)
@@ -54,7 +55,8 @@ class FittedMotion:
 
     def joint(self, points: Array, normals: Array) -> Array:
         """Return the posterior covariance (n, n) along unit `normals` (map frame) of where points (n, d) of
-        the prior frame went, given that they moved: its diagonal is `sd` squared where the motion is certain.
+        the prior frame went, given that they moved: its diagonal is `sd` squared where the motion is certain
+        and there is no doubt.
         """
         return self.inflation**2 * self.field.covariance(self._find_reference(points).observed(normals))
 
@@ -68,7 +70,7 @@ class FittedMotion:
             if self.probability == 1.0
             else (self.unfollowed(places.at, self.field.mean(places)) * normals).sum(axis=1)
         )
-        return np.asarray(self.inflation * np.sqrt(var + held_back**2))
+        return np.asarray(np.hypot(self.inflation * np.sqrt(var + held_back**2), self.doubt))
 
     def unfollowed(self, at: Array, field: Array) -> Array:
         """Return the part (n, d) of the motion at places (n, d) of the reference pose that is not followed,

@@ -65,22 +65,25 @@ def reconstructed(
             "changes": changes,
         },
         weights=found.weights,
-        fields=lambda places: _wall_fields(places, unit, found, settings),
+        fields=lambda places: _wall_fields(places, unit, found, believed.doubt, settings),
         exact=True,
     )
 
 
 def _wall_fields(
-    places: Array, unit: str, found: Reconstruction, settings: ReconstructionSettings
+    places: Array, unit: str, found: Reconstruction, doubt: float, settings: ReconstructionSettings
 ) -> dict[str, Array]:
-    """Return the wall's deviation (n,) at places (n, 3), and how far these lie outside the moved prior."""
+    """Return the wall's deviation (n,) at places (n, 3), and how far these lie outside the moved prior; no
+    point lessens the doubt, since it is of what points share.
+    """
     surface, sd = found.prior.surface, f"sd_{unit}"
     squared, face, _, weights = found.prior.tree.query(places)
     side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
     fields = {f"correction_{unit}": side * np.sqrt(squared)}
     if sd in surface.fields:
         before = interpolated(surface.fields[sd], surface.faces[face], weights)
-        fields[sd] = deviation(places, before, found, settings.deviation_points)
+        independent = np.sqrt(np.maximum(before**2 - doubt**2, 0.0))
+        fields[sd] = np.hypot(deviation(places, independent, found, settings.deviation_points), doubt)
     return fields
 
 

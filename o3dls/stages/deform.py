@@ -20,6 +20,7 @@ from ..registration.landmarks import determined
 from ..run_warning import RunWarning, of_stage
 from .deform_checks import (
     POINT_CODES,
+    allow_for_lost_order,
     alternatives,
     another_heart,
     motion_warnings,
@@ -60,7 +61,7 @@ class Deform(DeformParameters):
             fits = [best := self._fit_motion(case, pose, observed(case, self))]
         independent = best
         if self.shared_errors == "find":
-            best = fit_with_drift(best) or best
+            best = allow_for_lost_order(case, fit_with_drift(best) or best)
         found = _describe_fit(case, best, len(best.problem.data.points))
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
@@ -85,6 +86,8 @@ class Deform(DeformParameters):
         column `sigma` compares new points with those of the estimate. Raises InputError where the estimate is
         not one of this stage, or prior, landmarks, parameters or the points of before have changed.
         """
+        from ..motion.drift import with_doubt
+
         earlier, tuned_on = _own_fit(case, estimate)
         case = estimate.corrected(case)
         data = observed(case.visible(self.fits), self, earlier.problem.data)
@@ -93,6 +96,7 @@ class Deform(DeformParameters):
         if changed := differences(data, earlier.problem.data):
             raise InputError(f"update: {changed}")
         fit = self._fit_motion(case, estimate.T_map_prior, data, earlier)
+        fit = with_doubt(fit, earlier.motion.doubt)
         found = replace(_describe_fit(case, fit, tuned_on), map_shift=estimate.map_shift)
         kept = (one for one in estimate.warnings if not self._judges_points(one))
         warnings = point_warnings(fit, tuned_on, found.status, case.units)

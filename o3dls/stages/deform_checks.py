@@ -62,16 +62,29 @@ def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
     return [RunWarning("prior-of-another", sentence)]
 
 
+def allow_for_lost_order(case: Case, fit: MotionFit) -> MotionFit:
+    """Return the fit with a deviation that allows for what `order_lost` warns of."""
+    from ..motion.drift import with_doubt  # imported late: who lists the stages needs no compiled code
+
+    share = fit.problem.settings.drift.doubted
+    return with_doubt(fit, float(np.sqrt(share)) * (_find_lost_detail(case, fit) or 0.0))
+
+
 def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
     """Warn if a patient's prior took on detail that may be errors of the points, and no order tells."""
-    from ..motion.drift import lost_order  # imported late: who lists the stages needs no compiled code
-
-    if case.prior_of != "patient" or case.dimension == 2 or (detail := lost_order(fit)) is None:
+    if (detail := _find_lost_detail(case, fit)) is None:
         return []
     moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, or points share errors: "
     why = "without their order these look alike, and the result may be farther off than said; "
     why += "export the points with their times"
     return [RunWarning("order-lost", moves + why)]
+
+
+def _find_lost_detail(case: Case, fit: MotionFit) -> float | None:
+    """Another person's atrium differs in such detail anyway, so nothing is said of a template."""
+    from ..motion.drift import lost_order
+
+    return None if case.prior_of != "patient" or case.dimension == 2 else lost_order(fit)
 
 
 def shifted(shift: MapShift | None, case: Case, *, taken_out: bool) -> list[RunWarning]:

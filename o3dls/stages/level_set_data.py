@@ -62,7 +62,7 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
         noise, points = np.sqrt(noise**2 + sharing * left), points - offsets
     inside = Inside(points[~wall], noise[~wall])
     touching = points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
-    return Believed(*touching, state.contact, inside, template)
+    return Believed(*touching, state.contact, inside, template, fit.motion.doubt)
 
 
 def _of_mapping(fit: MotionFit, weights: Array) -> Array:

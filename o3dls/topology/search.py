@@ -19,7 +19,7 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
-from ..motion.drift import fit_with_drift
+from ..motion.drift import fit_with_drift, with_doubt
 from ..motion.field.observations import Data
 from ..motion.fit import TrialFit, fit_motion
 from ..motion.result import MotionFit
@@ -132,7 +132,7 @@ class TopologySearch:
         before = self.level_set(fit)
         for change in sorted(earned, key=lambda change: change.gain, reverse=True):
             after = fit_motion(*self.anew(fit, changed(before, change), fit.problem.data))
-            after = (fit.drift and fit_with_drift(after)) or after
+            after = with_doubt((fit.drift and fit_with_drift(after)) or after, fit.motion.doubt)
             gain = fit.energy - after.energy - change.price(len(fit.problem.data.points))
             if gain > 0.0 and self.explains(change, after):
                 return after, replace(change, gain=gain)

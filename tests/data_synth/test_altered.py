@@ -24,10 +24,12 @@ from data_synth.faulty_maps import (
     SIZE,
     crowded,
     folded,
+    shuffled,
 )
 from data_synth.meshing import mesh
 from data_synth.segmentation import BALL, OVERLAP, VOXEL, coarse, leaked, solid
 from o3dls import Case, InputError, Surface
+from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import component_areas
 
@@ -242,3 +244,17 @@ def test_a_phantom_can_be_altered_too() -> None:
     found = altered(atrium(SEED, points=60), "lost", SEED)
     assert found.init is not None
     assert len(found.points.of("ablation")) == 40
+
+
+def test_a_map_in_no_order_has_the_same_points_and_no_times(good: Case) -> None:
+    path = altered(good, "path", SEED)
+    found = shuffled(np.random.default_rng(SEED), path)
+    assert set(path.points.columns) - set(found.points.columns) == {"time", "group"}
+    assert not np.array_equal(found.points.xyz, path.points.xyz)
+
+    def sorted_points(case: Case) -> tuple[Array, Array]:
+        assert case.truth is not None
+        return tuple(np.sort(case.points.xyz[rows], axis=0) for rows in (slice(None), case.truth.outliers))
+
+    for before, after in zip(sorted_points(path), sorted_points(found), strict=True):
+        np.testing.assert_array_equal(before, after)

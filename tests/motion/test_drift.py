@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from fields import bend, body, spots, wall
 
-from o3dls import Deform, Pipeline
+from o3dls import Deform, LevelSet, Pipeline
 from o3dls.arrays import Array
 from o3dls.case import Case, Points
+from o3dls.evaluation.statistics import BAND_95
 from o3dls.geometry.surface import Surface
 from o3dls.motion.drift import fit_with_drift
 from o3dls.motion.field.drift import Drift, Taken, grams
@@ -276,6 +277,32 @@ def test_a_map_whose_order_was_destroyed_is_warned_of_and_no_other() -> None:
     assert "order-lost" in codes(points[shuffled])
     surface, _, points, _ = mapped(count=250, shared=0.0)  # as much noise, none of it shared
     assert "order-lost" not in codes(points[shuffled])
+
+
+def test_bands_are_wider_where_the_order_was_destroyed_and_stay_so() -> None:
+    """Of mapped wall they hold more than without, and level_set and update leave them as wide."""
+    surface, truth, points, _ = mapped(count=250)
+    shuffled = points[np.random.default_rng(1).permutation(len(points))]
+    case = Case("case", surface, Points(shuffled, np.full(len(points), "eam")))
+    run = Pipeline([Deform(), LevelSet()], folds=0).run(case)
+    wide, final = run.estimates["deform"], run.estimates["level_set"]
+    narrow = Pipeline([Deform(shared_errors="ignore")], folds=0).run(case).estimates["deform"]
+    assert wide.fit is not None
+    doubt = wide.fit.motion.doubt
+    assert doubt > 0.2
+    sd, plain = wide.surface.fields["sd_mm"], narrow.surface.fields["sd_mm"]
+    np.testing.assert_allclose(sd, np.hypot(plain, doubt))
+    along = surface.vertices, wide.surface.vertex_normals
+    assert wide.motion is not None
+    assert narrow.motion is not None
+    np.testing.assert_allclose(wide.motion.sd(*along), np.hypot(narrow.motion.sd(*along), doubt))
+    assert final.surface.fields["sd_mm"].min() > doubt
+    off = np.abs(surface.with_vertices(truth).closest_point.distance(wide.surface.vertices))
+    inside = [(off <= BAND_95 * one).mean() for one in (plain, sd)]
+    assert inside[1] > inside[0] + 0.02
+    again = Deform().update(case, wide)
+    assert again.fit is not None
+    assert again.fit.motion.doubt == doubt
 
 
 def test_the_note_of_a_lost_order_says_what_it_means_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

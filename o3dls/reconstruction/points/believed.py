@@ -21,8 +21,9 @@ class Inside:
 @dataclass(frozen=True, eq=False)
 class Believed:
     """These are points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,)
-    on the odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior
-    is a template, another person's heart, which may have parts that the patient lacks.
+    on the odds of being an outlier, and the mixture; those that are known to be inside; whether the prior is
+    a template, another person's heart, which may have parts that the patient lacks; and the deviation of
+    errors that points may share unseen.
     """
 
     points: Array
@@ -32,3 +33,4 @@ class Believed:
     contact: Contact
     inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
     template: bool = False
+    doubt: float = 0.0
