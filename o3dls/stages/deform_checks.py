@@ -75,7 +75,7 @@ def order_lost(case: Case, fit: MotionFit) -> list[RunWarning]:
     if (detail := _find_lost_detail(case, fit)) is None:
         return []
     moves = f"the wall moves by {detail:.2g} {case.units} over short lengths, or points share errors: "
-    why = "without their order these look alike, and the result may be farther off than said; "
+    why = "without their order these look alike, and the deviation allows for a part of it; "
     why += "export the points with their times"
     return [RunWarning("order-lost", moves + why)]
 
