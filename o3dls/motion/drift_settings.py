@@ -44,6 +44,6 @@ class DriftSettings:
         0.085, "shortest lengths", "deviation of the shortest fields above which errors may be in the wall"
     )
     doubted: float = number(
-        0.08, "1", "share of the variance of that detail that may be errors where the order is lost"
+        0.1, "1", "share of the variance of that detail that may be errors where the order is lost"
     )
     rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")
