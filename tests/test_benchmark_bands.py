@@ -75,7 +75,7 @@ def stalked(radius: float, height: float = 0.0) -> Surface:
         ball = np.linalg.norm(points, axis=1) - radius
         across, along = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         tube = np.maximum(across - 4.0, np.abs(along - 0.5 * (radius + height)) - 0.5 * (radius + height))
-        return np.asarray(np.minimum(ball, tube))
+        return np.asarray(np.minimum(ball, tube) if height else ball)
 
     return meshed(at, radius + height + 4.0, 1.5)
 
