@@ -58,7 +58,7 @@ def place_errors(case: Case, estimate: Estimate) -> Record:
     terms = _split_errors(error, normals)
     posterior = wall_posterior(estimate.motion)
     if posterior is not None:
-        terms |= _judge_errors(error, normals, posterior.covariance_at(at))
+        terms |= _judge_errors(error, normals, posterior.at(at).covariance())
     mapped = cKDTree(case.points.of("eam").xyz).query(true)[0] <= REACH
     found: Record = {"mapped": float(mapped.mean())}
     for name, values in terms.items():

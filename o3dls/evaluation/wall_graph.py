@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components, dijkstra, maximum_flow
@@ -16,6 +18,7 @@ OUTWARD = 0.1  # how much a bend outward counts, to one inward
 SAMPLE = 1500  # vertices, 3 mm apart on an atrium, that tell how deep in a tube their neighbours lie
 
 
+@lru_cache(maxsize=4)  # openings and the tubes beyond them are of the same surface
 def measure_depths(surface: Surface) -> Array:
     """Return how far (n,) each vertex lies out of the chamber in a tube, mm; that of the next of a sample."""
     some = np.arange(0, len(surface.vertices), max(1, len(surface.vertices) // SAMPLE))

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.spatial.distance import cdist
 
 from ..arrays import Array
 from ..parallel import by_rows
@@ -50,5 +49,20 @@ def depth_in_tubes(at: Array, normals: Array, points: Array) -> Array:
     """
     centre, radius = inner_balls(at, normals, points)
     wide = radius >= WIDE * radius.max()
-    gap = cdist(at, centre[wide]) - radius[wide]
-    return np.asarray(np.maximum(gap.min(axis=1), 0.0))
+    gap = np.full(len(at), np.inf)
+    by_rows(_lower_gaps, WORTH, (at, gap), centre[wide], radius[wide])
+    return np.asarray(np.maximum(gap, 0.0))
+
+
+@njit(cache=True, nogil=True)
+def _lower_gaps(at, gap, centre, radius):  # type: ignore[no-untyped-def]
+    """Lower gaps (m,) to the least distance from balls; a root is only taken of one that is nearer."""
+    for i in range(len(at)):
+        least = gap[i]
+        for k in range(len(centre)):
+            x, y, z = at[i, 0] - centre[k, 0], at[i, 1] - centre[k, 1], at[i, 2] - centre[k, 2]
+            squared = x * x + y * y + z * z
+            reach = least + radius[k]
+            if reach > 0.0 and squared < reach * reach:
+                least = np.sqrt(squared) - radius[k]
+        gap[i] = least

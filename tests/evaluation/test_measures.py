@@ -68,6 +68,15 @@ def test_a_section_does_not_depend_on_what_lies_beyond_it() -> None:
             assert value == pytest.approx(measure_surface(BALL, parts)[one])
 
 
+def test_a_section_is_the_sum_of_the_area_vectors_of_the_faces_beyond() -> None:
+    beyond = (BALL.vertices[:, 2] > 12.0) | (BALL.vertices @ [0.6, 0.8, 0.0] > 17.0)  # two pieces
+    pulled = BALL.vertices + np.random.default_rng(5_519).normal(scale=0.3, size=BALL.vertices.shape)
+    a, b, c = (pulled[BALL.faces[beyond[BALL.faces].all(axis=1), k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a).sum(axis=0)) / 100.0
+    found = measure_surface(BALL.with_vertices(pulled), Parts({}, tubes={"cap": beyond}))
+    assert found[Quantity("section area", "cap", "cm²")] == pytest.approx(area)
+
+
 def test_ways_lead_along_the_wall_and_are_hardly_longer_than_great_circles() -> None:
     n = len(BALL.vertices)
     ends = {"a": 3, "b": n // 2, "c": n - 5}

@@ -20,6 +20,7 @@ from o3dls.motion.fit import fit_motion
 from o3dls.motion.motion import FittedMotion
 from o3dls.motion.posterior import wall_posterior
 from o3dls.motion.wall.kept import KeptPosterior
+from o3dls.motion.wall.nodes import NodeSums
 from o3dls.motion.wall.posterior import WallPosterior
 from o3dls.motion.wall.samples import sample_existence, wall_covariance
 
@@ -216,6 +217,32 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
             KeptPosterior.from_arrays({**whole, name: whole[name][:-1]}, 2)
         with pytest.raises(ValueError, match="no number"):
             KeptPosterior.from_arrays({**whole, name: np.full(whole[name].shape, np.nan)}, 2)
+
+
+def test_sums_over_nodes_are_those_of_a_plain_loop() -> None:
+    rng = np.random.default_rng(71_403)
+    nodes, places = 10.0 * rng.normal(size=(30, 3)), 10.0 * rng.normal(size=(7, 3))
+    sums = NodeSums.of(nodes, places, 12.0)
+    matrix = np.zeros((7, 30))
+    for place, (near, share) in enumerate(zip(sums.near, sums.share, strict=True)):
+        matrix[place, near] = share
+    assert matrix.sum(axis=1) == pytest.approx(1.0)
+    root = rng.normal(size=(90, 90))
+    joint = root @ root.T
+    found = sums.covariance(joint, 3)
+    for place, row in enumerate(matrix):
+        spread_over = np.kron(row, np.eye(3))
+        assert found[place] == pytest.approx(spread_over @ joint @ spread_over.T)
+    fields = rng.normal(size=(4, 30, 3))
+    assert sums.values(fields) == pytest.approx(np.einsum("pn,snc->spc", matrix, fields))
+
+
+def test_wall_that_is_certain_is_there_in_all_samples_and_never_where_it_is_not() -> None:
+    surface = body(3)
+    likely = 1.0 * (surface.vertices[:, 0] > 0.0)
+    rng = np.random.default_rng(60_232)
+    there = sample_existence(surface, likely, SIZE, surface.vertices[::2], 3, rng)
+    assert np.array_equal(there, np.tile(likely > 0.0, (3, 1)))
 
 
 def test_doubtful_wall_is_there_as_often_as_is_likely_and_absent_together() -> None:

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ...arrays import Array
 from ...geometry.spread import spread
@@ -130,4 +130,4 @@ def _design(field: Array) -> Array:
 
 
 def _quantile(level: float) -> float:
-    return float(norm.ppf(0.5 + 0.5 * level))
+    return float(ndtri(0.5 + 0.5 * level))

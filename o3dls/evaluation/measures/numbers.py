@@ -65,15 +65,15 @@ def measure_surfaces(
     given: areas of what exists.
 
     The section of a tube is spanned by the border of its vertices: its area is the length of the sum of the
-    area vectors of the faces beyond, which depends on the border alone (Stokes); its diameter is that of the
-    circle of this area. A face counts to a region by its corners in it. Shares are of the area where values
-    are known, which are linear on each face.
+    area vectors of the faces beyond, which depends on the border alone and is summed along that (Stokes);
+    its diameter is that of the circle of this area. A face counts to a region by its corners in it. Shares
+    are of the area where values are known, which are linear on each face.
     """
     volumes, whole, present = _sum_areas(surface, vertices, parts, values, exists)
     found = {Quantity("volume", WHOLE, "ml"): volumes / ML} | _name_areas(parts, whole)
     for name, beyond in parts.tubes.items():
-        corners = np.moveaxis(vertices[:, surface.faces[beyond[surface.faces].all(axis=1)]], 2, 0)
-        across = np.cross(corners[1] - corners[0], corners[2] - corners[0]).sum(axis=1)
+        (first, last), turns = _find_border(surface, beyond)
+        across = np.einsum("kmd,m->kd", np.cross(vertices[:, first], vertices[:, last]), turns)
         section = 0.5 * np.linalg.norm(across, axis=1)
         found[Quantity("section area", name, "cm²")] = section / CM2
         found[Quantity("section diameter", name, "mm")] = 2.0 * np.sqrt(section / np.pi)
@@ -84,6 +84,18 @@ def measure_surfaces(
         steps = np.diff(vertices[:, way], axis=1)
         found[Quantity("length", f"{a} to {b}", "mm")] = np.linalg.norm(steps, axis=2).sum(axis=1)
     return found, {} if exists is None else _name_areas(parts, present)
+
+
+def _find_border(surface: Surface, beyond: Mask) -> tuple[Ints, Array]:
+    """Return the ends (2, m) of the edges about the faces whose vertices are all beyond (n,), and how often
+    (m,) these go along each from its first end to its last, less how often back.
+    """
+    faces, count = surface.faces[beyond[surface.faces].all(axis=1)], len(beyond)
+    a, b = (np.concatenate([faces[:, k - shift] for k in range(3)]) for shift in (1, 0))
+    edges, of = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_inverse=True)
+    turns = np.bincount(of, np.where(a < b, 1.0, -1.0), len(edges))
+    edges, turns = edges[turns != 0.0], turns[turns != 0.0]
+    return np.stack([edges // count, edges % count]), turns
 
 
 def _sum_areas(

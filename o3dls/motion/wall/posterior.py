@@ -15,16 +15,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
-from scipy import sparse
 
 from ...arrays import Array
-from ...parallel import by_rows
-from ..field.covariance import Observed, Places, interpolation
+from ..field.covariance import Observed, Places
 from ..field.gaussian_process import FieldPosterior
+from .nodes import NodeSums
 from .settings import SETTINGS
-
-WORTH = 1000  # places that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,38 +54,25 @@ class WallPosterior:
         joint[np.diag_indices_from(joint)] += SETTINGS.nugget * float(joint.max())
         return np.asarray(np.linalg.cholesky(joint))
 
-    def weights(self, places: Array) -> sparse.csr_matrix:
-        """Return the matrix (n, m) that interpolates the nodes' errors at places (n, d) of the map frame."""
+    def at(self, places: Array) -> ErrorsAt:
+        """Return the errors at places (n, d) of the map frame."""
         shortest = float(self.field.prior.covariance.lengths.min())
-        return interpolation(self.where, places, shortest, SETTINGS.neighbours)
-
-    def covariance_at(self, places: Array) -> Array:
-        """Return the covariance (n, d, d) of the errors at each of the places (n, d) of the map frame."""
-        dim = self.where.shape[1]
-        found = self.weights(places)
-        near, share = (part.reshape(len(places), -1) for part in (found.indices, found.data))
-        total = np.zeros((len(places), dim, dim))
-        by_rows(_add_blocks, WORTH, (total, near, share), self.covariance)
-        return total
-
-    def errors(self, places: Array, count: int, rng: np.random.Generator) -> Array:
-        """Return samples (count, n, d) of the errors at places (n, d) of the map frame."""
-        drawn = rng.standard_normal((count, self.factor.shape[1])) @ self.factor.T
-        nodes = drawn.reshape(count, *self.where.shape).swapaxes(0, 1).reshape(len(self.where), -1)
-        spread = self.weights(places) @ nodes
-        return np.asarray(spread.reshape(len(places), count, -1).swapaxes(0, 1))
+        return ErrorsAt(self, NodeSums.of(self.where, places, shortest))
 
 
-@njit(cache=True, nogil=True)
-def _add_blocks(total, near, share, covariance):  # type: ignore[no-untyped-def]
-    """Add to total (n, d, d) the covariance (m d, m d) of the nodes near (n, k) to each place, by their
-    shares (n, k).
-    """
-    dim = total.shape[1]
-    for v in range(len(total)):
-        for i in range(near.shape[1]):
-            for j in range(near.shape[1]):
-                both = share[v, i] * share[v, j]
-                for a in range(dim):
-                    for b in range(dim):
-                        total[v, a, b] += both * covariance[dim * near[v, i] + a, dim * near[v, j] + b]
+@dataclass(frozen=True, eq=False)
+class ErrorsAt:
+    """Errors at n places are sums of those of the nodes."""
+
+    posterior: WallPosterior
+    sums: NodeSums
+
+    def covariance(self) -> Array:
+        """Return the covariance (n, d, d) of the error at each place."""
+        return self.sums.covariance(self.posterior.covariance, self.posterior.where.shape[1])
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Return samples (count, n, d) of the errors."""
+        factor = self.posterior.factor
+        drawn = rng.standard_normal((count, factor.shape[1])) @ factor.T
+        return self.sums.values(drawn.reshape(count, *self.posterior.where.shape))

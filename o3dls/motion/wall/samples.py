@@ -16,14 +16,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.special import ndtri
 
 from ...arrays import ROUNDING, TINY, Array, Mask
 from ...geometry.surface import Surface
-from ..field.covariance import interpolation
+from ...parallel import axes_of, by_rows
 from ..field.kernels import NUGGET, matern
+from .nodes import NodeSums
 from .posterior import WallPosterior
-from .settings import SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def wall_covariance(surface: Surface, posterior: WallPosterior, sd: Array | None
     """Return the covariance (v, d, d) of the error of each vertex, whose deviation along the normal is sd
     (v,), where that is given and finite.
     """
-    found = posterior.covariance_at(surface.vertices)
+    found = posterior.at(surface.vertices).covariance()
     normals = surface.vertex_normals
     stretch = np.eye(surface.dimension) + _stretches(found, normals, sd)[:, None, None] * (
         normals[:, :, None] * normals[:, None, :]
@@ -65,11 +66,23 @@ def sample_vertices(
 ) -> Array:
     """Return samples (count, v, d) of the vertices, with the covariances of `wall_covariance`."""
     normals = surface.vertex_normals
-    found = posterior.errors(surface.vertices, count, rng)
-    more = _stretches(posterior.covariance_at(surface.vertices), normals, sd)
-    found += (np.einsum("nvd,vd->nv", found, normals) * more)[:, :, None] * normals
-    found += surface.vertices
+    errors = posterior.at(surface.vertices)
+    more = _stretches(errors.covariance(), normals, sd)
+    found = errors.draw(count, rng)
+    by_rows(_stretch_errors, 1, (found,), axes_of(normals), surface.vertices, normals, more)
     return found
+
+
+@njit(cache=True, nogil=True)
+def _stretch_errors(found, axes, vertices, normals, more):  # type: ignore[no-untyped-def]
+    """Make errors (k, v, d) longer along the normals by a part (v,), and add the vertices (v, d)."""
+    for s in range(len(found)):
+        for v in range(len(vertices)):
+            along = 0.0
+            for a in range(len(axes)):
+                along += found[s, v, a] * normals[v, a]
+            for a in range(len(axes)):
+                found[s, v, a] += more[v] * along * normals[v, a] + vertices[v, a]
 
 
 def sample_existence(
@@ -83,13 +96,17 @@ def sample_existence(
     """Return at which vertices (count, v) there is wall, each with the probability likely (v,); what is
     absent is absent together over a length, as a vein is.
     """
+    there = np.tile(likely > 0.0, (count, 1))
+    doubtful = (likely > 0.0) & (likely < 1.0)
+    if not doubtful.any():
+        return there
     correlation = matern(nodes, nodes, length)
     correlation[np.diag_indices_from(correlation)] += NUGGET
-    drawn = np.linalg.cholesky(correlation) @ rng.standard_normal((count, len(nodes))).T
-    weights = interpolation(nodes, surface.vertices, length, SETTINGS.neighbours)
-    variance = np.asarray(weights.multiply(weights @ correlation).sum(axis=1)).ravel()
-    latent = (weights @ drawn) / np.sqrt(variance)[:, None]
-    return np.asarray(ndtri(likely) >= latent.T)
+    drawn = rng.standard_normal((count, len(nodes))) @ np.linalg.cholesky(correlation).T
+    sums = NodeSums.of(nodes, surface.vertices[doubtful], length)
+    latent = sums.values(drawn[:, :, None]) / np.sqrt(sums.covariance(correlation, 1)[:, 0])
+    there[:, doubtful] = ndtri(likely[doubtful]) >= latent[:, :, 0]
+    return there
 
 
 def _stretches(covariance: Array, normals: Array, sd: Array | None) -> Array:

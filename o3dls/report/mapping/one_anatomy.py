@@ -76,7 +76,7 @@ def bring_together(subjects: Sequence[Subject], samples: int, seed: int) -> tupl
     own = np.einsum("nc,ncd->nd", wall.weights, second.case.prior.vertices[corners])
     after = _place(second, own, samples, streams[1])
     turn = after.turn @ np.linalg.inv(link.T_map_prior[:3, :3])
-    more = _posterior_of(second, link).errors(prior.vertices, samples, streams[2]) @ turn.T
+    more = _posterior_of(second, link).at(prior.vertices).draw(samples, streams[2]) @ turn.T
     return before, replace(after, errors=after.errors + more, turn=turn, known=wall.distance <= BESIDE), apart
 
 
@@ -84,7 +84,7 @@ def _place(subject: Subject, at: Array, samples: int, rng: np.random.Generator) 
     """Return places (n, 3) of a run's own prior in its map."""
     estimate = subject.last.estimate
     found = moved(estimate, at)
-    errors = _posterior_of(subject, estimate).errors(found, samples, rng)
+    errors = _posterior_of(subject, estimate).at(found).draw(samples, rng)
     return InMap(found, errors, estimate.T_map_prior[:3, :3], np.ones(len(at), dtype=bool))
 
 
