@@ -17,6 +17,10 @@ slope of the mean of near points; that of the told speed on slow wall alone; how
 in its interval; seconds of the processor. Waves that go round and round are places on a circle for the others
 too: they fit its two coordinates.
 
+A second table has the told speed by number of points and true speed, with the share of that wall on which one
+is told, how much of it has the true speed in its interval, and the speed (exact) of the true times themselves
+where their slope is averaged over 3 mm.
+
 Another program is compared in an environment of its own: --write FOLDER writes what it needs of each case
 (NAME.npz: vertices, faces, face and weights of each point, time, cycle, 0 where there is none), --read FOLDER
 takes its answer (NAME.npz: time and sd at the vertices).
@@ -27,37 +31,39 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from time import process_time
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.spatial.distance import cdist
 
+from benchmarks.activation_peers import average, blur_speed, fit_plain
 from benchmarks.cases import LASC
 from benchmarks.scores import lay_out
-from data_synth import read_wall
+from data_synth import motion, read_wall
 from data_synth.waves import KINDS, MappedWave, Wave, map_wave, wave
 from o3dls.arrays import Array
 from o3dls.evaluation.activation.activation_map import map_activation
 from o3dls.evaluation.activation.velocity import Told
 from o3dls.evaluation.activation.winding import wrap
-from o3dls.evaluation.interpolation import to_surface
-from o3dls.evaluation.measures.numbers import slopes
 from o3dls.evaluation.projection import project
 from o3dls.geometry.surface import Surface
 
 POINTS = (250, 500, 1000)
+CLASSES = (0.2, 0.3, 0.45, 0.7, 0.8, 0.9, 1.01)  # m/s, borders of classes of the true speed
 FIRST_SEED = {False: 5201, True: 7301}
 SLOW = 0.45  # m/s
+OVER, SAMPLES = 25.0, 200  # mm over which an error of registration varies; samples of it
 TWO_SIDED = 1.96
 UNKNOWN = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class MappedCase:
-    """A case has its name, kind, surface, true wave and map."""
+    """A case has its name, kind, surface, true wave and map; and samples (s, n, 3) of how far each vertex may
+    lie from where it should, None where the wall is the true one.
+    """
 
     name: str
     kind: str
@@ -65,10 +71,13 @@ class MappedCase:
     surface: Surface
     wave: Wave
     map: MappedWave
+    errors: Array | None
 
 
-def make_cases(data: Path, count: int, *, judging: bool) -> Iterator[MappedCase]:
-    """Make so many cases: kinds, numbers of points, even and clustered ones and atria in turn."""
+def make_cases(data: Path, count: int, *, judging: bool, registration: float = 0.0) -> Iterator[MappedCase]:
+    """Make so many cases: kinds, numbers of points, even and clustered ones and atria in turn. registration:
+    sd of its error in mm per axis.
+    """
     numbers = LASC[judging]
     for k in range(count):
         kind, points, clustered = KINDS[k % 4], POINTS[k % 3], k // 4 % 2 == 1
@@ -77,14 +86,36 @@ def make_cases(data: Path, count: int, *, judging: bool) -> Iterator[MappedCase]
         found = wave(surface, seed, kind)
         name = f"{kind.replace(' ', '_')}_{points}_{'clustered' if clustered else 'even'}_{seed}"
         mapped = map_wave(surface, found, seed, points, clustered=clustered)
-        yield MappedCase(name, kind, points, surface, found, mapped)
+        moved, errors = misplace(surface, seed, registration) if registration else (surface, None)
+        yield MappedCase(name, kind, points, moved, found, mapped, errors)
 
 
-def judge_case(case: MappedCase, answers: Path | None) -> dict[str, float]:
-    """Return the numbers of one case."""
+def misplace(surface: Surface, seed: int, sd: float) -> tuple[Surface, Array]:
+    """Return the surface as a registration with errors has it, and samples (s, n, 3) of its errors."""
+    rng = np.random.default_rng((seed, 40_127))
+    at = surface.vertices
+    drawn = np.stack([motion.wobble(rng, sd, OVER, 3)(at) - at for _ in range(SAMPLES + 1)])
+    return replace(surface, vertices=at + drawn[0]), drawn[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What is judged of a case: its kind, number of points and numbers; and at each vertex the area (n,) that
+    is mapped, the true speed, the told one with its interval, whether it is told, and that of the blurred
+    true times.
+    """
+
+    kind: str
+    points: int
+    numbers: dict[str, float]
+    speeds: dict[str, Array]
+
+
+def judge_case(case: MappedCase, answers: Path | None) -> Judged:
+    """Return what is found of one case."""
     surface, true = case.surface, case.wave
     began = process_time()
-    found = map_activation(surface, case.map.xyz, case.map.time, cycle=true.cycle)
+    found = map_activation(surface, case.map.xyz, case.map.time, errors=case.errors, cycle=true.cycle)
     seconds = process_time() - began
     area = surface.vertex_areas * (found.known & np.isfinite(true.time))
     time = np.nan_to_num(true.time)
@@ -115,7 +146,9 @@ def judge_case(case: MappedCase, answers: Path | None) -> dict[str, float]:
     if answers is not None and (answers / f"{case.name}.npz").exists():
         with np.load(answers / f"{case.name}.npz") as answer:
             numbers["quLATi"] = _mean(miss(answer["time"]), area)
-    return numbers
+    exact = blur_speed(found.posterior.harmonics, true)
+    speeds = {"area": area, "told": told, "true": true.speed, "speed": speed.speed, "held": held * 1.0}
+    return Judged(case.kind, case.points, numbers, speeds | {"exact": exact})
 
 
 def _mean(values: Array, area: Array) -> float:
@@ -128,61 +161,6 @@ def _median(values: Array, area: Array) -> float:
     order = np.argsort(values)
     total = np.cumsum(area[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
-
-
-def _coordinates(mapped: MappedWave, cycle: float | None) -> Array:
-    """Return what is fitted at the points (k, c): the time, or exp(i phase)."""
-    if cycle is None:
-        return mapped.time[:, None]
-    phase = 2.0 * np.pi * mapped.time / cycle
-    return np.column_stack([np.cos(phase), np.sin(phase)])
-
-
-def fit_plain(surface: Surface, mapped: MappedWave, cycle: float | None) -> tuple[Array, Array]:
-    """Return the mean and sd (n,) of a plain Gaussian process in ms."""
-    values = _coordinates(mapped, cycle)
-    middle, scale = values.mean(axis=0), float(values.std())
-    values = (values - middle) / scale
-    distance = cdist(mapped.xyz, mapped.xyz)
-
-    def covariance(apart: Array, log: Array) -> Array:
-        scaled = np.sqrt(3.0) * apart / np.exp(log[1])
-        return np.exp(2.0 * log[0]) * (1.0 + scaled) * np.exp(-scaled)
-
-    def surprise(log: Array) -> float:
-        joint = covariance(distance, log)
-        joint[np.diag_indices_from(joint)] += np.exp(2.0 * log[2]) + 1e-8
-        factor = np.linalg.cholesky(joint)
-        white = np.linalg.solve(factor, values)
-        return float(0.5 * (white**2).sum() + values.shape[1] * np.log(np.diag(factor)).sum())
-
-    bounds = [(-3.0, 3.0), (0.0, 5.0), (-4.0, 1.0)]
-    log = minimize(surprise, np.log([1.0, 30.0, 0.3]), method="L-BFGS-B", bounds=bounds).x
-    joint = covariance(distance, log)
-    joint[np.diag_indices_from(joint)] += np.exp(2.0 * log[2]) + 1e-8
-    cross = covariance(cdist(surface.vertices, mapped.xyz), log)
-    answer = np.linalg.solve(joint, np.hstack([values, cross.T]))
-    mean = middle + scale * cross @ answer[:, : values.shape[1]]
-    left = np.exp(2.0 * log[0]) - (cross.T * answer[:, values.shape[1] :]).sum(axis=0)
-    sd = scale * np.sqrt(np.maximum(left, 0.0))
-    if cycle is None:
-        return mean[:, 0], sd
-    turn = cycle / (2.0 * np.pi)
-    return np.arctan2(mean[:, 1], mean[:, 0]) * turn, sd / np.linalg.norm(mean, axis=1) * turn
-
-
-def average(surface: Surface, mapped: MappedWave, cycle: float | None) -> tuple[Array, Array]:
-    """Return the mean of near times (n,) and the speed (n,) by its slope."""
-    values = np.column_stack([
-        to_surface(mapped.xyz, one, surface) for one in _coordinates(mapped, cycle).T
-    ])  # fmt: skip
-    steep = np.stack([slopes(surface, one) for one in values.T])
-    if cycle is None:
-        return values[:, 0], 1.0 / np.maximum(np.linalg.norm(steep[0], axis=1), 1e-9)
-    turn, size = cycle / (2.0 * np.pi), (values**2).sum(axis=1)
-    steep = turn * (values[:, :1] * steep[1] - values[:, 1:] * steep[0]) / size[:, None]
-    speed = 1.0 / np.maximum(np.linalg.norm(np.nan_to_num(steep), axis=1), 1e-9)
-    return np.arctan2(values[:, 1], values[:, 0]) * turn, speed
 
 
 def write_case(folder: Path, case: MappedCase) -> None:
@@ -199,15 +177,45 @@ def write_case(folder: Path, case: MappedCase) -> None:
     )
 
 
-def table(cases: Sequence[tuple[str, int, dict[str, float]]]) -> str:
+def table(cases: Sequence[Judged]) -> str:
     """A row for each kind of wave, for each number of points, and for all."""
-    rows = [["waves", "cases", *cases[0][2]]]
+    rows = [["waves", "cases", *cases[0].numbers]]
+    for name, some in group_cases(cases):
+        numbers = [one.numbers for one in some]
+        rows.append([name, str(len(some)), *(_average_cell(numbers, key) for key in numbers[0])])
+    return lay_out(rows)
+
+
+def group_cases(cases: Sequence[Judged]) -> Iterator[tuple[str, list[Judged]]]:
+    """Name the cases of each kind of wave, of each number of points, and all."""
     for name, wanted in (
         [(kind, kind) for kind in KINDS] + [(f"{n} points", n) for n in POINTS] + [("all", None)]
     ):
-        some = [numbers for kind, points, numbers in cases if wanted in (None, kind, points)]
+        some = [one for one in cases if wanted in (None, one.kind, one.points)]
         if some:
-            rows.append([name, str(len(some)), *(_average_cell(some, key) for key in some[0])])
+            yield name, some
+
+
+def table_of_speeds(cases: Sequence[Judged]) -> str:
+    """A row for each number of points and class of the true speed: of how much of that wall a speed is told,
+    the told speed over the true one, how much of it has that in its interval, and what blurred true times
+    tell of it.
+    """
+    rows = [["points", "true speed", "told", "speed", "in 95 %", "exact"]]
+    for name, some in group_cases(cases):
+        if name in KINDS:
+            continue
+        at = {key: np.concatenate([one.speeds[key] for one in some]) for key in some[0].speeds}
+        for low, high in pairwise(CLASSES):
+            inside = (at["true"] >= low) & (at["true"] < high)
+            told = at["told"] * inside
+            if not told.any():
+                continue
+            share = 100.0 * told.sum() / (at["area"] * inside).sum()
+            ratios = (_median(at[key] / at["true"], told) for key in ("speed", "exact"))
+            ours, exact = (f"{one:.2f}" for one in ratios)
+            held = 100.0 * _mean(at["held"], told)
+            rows.append([name, f"{low:g} to {high:g}", f"{share:.0f}", ours, f"{held:.0f}", exact])
     return lay_out(rows)
 
 
@@ -224,19 +232,21 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="the folder above priors/")
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--judging", action="store_true", help="of the atria that nothing is chosen on")
+    parser.add_argument("--registration", type=float, default=0.0, metavar="MM", help="sd of its error")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the cases for another program")
     parser.add_argument("--read", type=Path, metavar="FOLDER", help="answers of another program")
     asked = parser.parse_args()
-    judged = list[tuple[str, int, dict[str, float]]]()
-    for case in make_cases(asked.data, asked.cases, judging=asked.judging):
+    judged = list[Judged]()
+    made = make_cases(asked.data, asked.cases, judging=asked.judging, registration=asked.registration)
+    for case in made:
         if asked.write:
             asked.write.mkdir(parents=True, exist_ok=True)
             write_case(asked.write, case)
             continue
-        judged.append((case.kind, case.points, judge_case(case, asked.read)))
-        print(case.name, {k: round(v, 2) for k, v in judged[-1][2].items()}, file=sys.stderr, flush=True)
+        judged.append(judge_case(case, asked.read))
+        print(case.name, {k: round(v, 2) for k, v in judged[-1].numbers.items()}, file=sys.stderr, flush=True)
     if judged:
-        print(table(judged))
+        print(table(judged), table_of_speeds(judged), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tiny import sphere
 
+from data_synth.motion import wobble
 from o3dls.arrays import Array
 from o3dls.errors import InputError
 from o3dls.evaluation.activation import learning
@@ -13,7 +14,7 @@ from o3dls.evaluation.activation.activation_map import ActivationMap, map_activa
 from o3dls.evaluation.activation.features import make_features
 from o3dls.evaluation.activation.harmonics import Harmonics
 from o3dls.evaluation.activation.velocity import Told, find_velocity
-from o3dls.evaluation.activation.winding import wrap
+from o3dls.evaluation.activation.winding import find_wave, phase_times, wrap
 from o3dls.geometry.surface import Surface
 from o3dls.geometry.twist import rotation
 from tests.chamber import sampled
@@ -109,6 +110,21 @@ def test_a_wave_that_comes_again_has_no_step_where_early_meets_late(turning: Act
     assert turning.told[[BALL.vertices[:, 2].argmin(), BALL.vertices[:, 2].argmax()]].all()  # it turns there
 
 
+def test_the_wave_that_times_are_beside_does_not_follow_their_noise() -> None:
+    """Of a wave that comes by twice a turn: what it followed would be missing from the intervals."""
+    harmonics = Harmonics.of(BALL, np.ones(len(BALL.vertices), dtype=bool))
+    rng = np.random.default_rng(51_211)
+    middle = np.flatnonzero(np.abs(BALL.vertices[:, 2]) < 0.8 * RADIUS)
+    kept = []
+    for _ in range(4):
+        rows = rng.choice(middle, 160, replace=False)
+        noise = NOISE * rng.normal(size=160)
+        times = (turn_about_axis(BALL.vertices[rows]) + noise) % (CYCLE / 2.0)
+        wave, _ = find_wave(harmonics, harmonics.values[rows], times, CYCLE / 2.0)
+        kept.append(wrap(times - phase_times(wave, CYCLE / 2.0), CYCLE / 2.0).std() / noise.std())
+    assert np.mean(kept) > 0.93
+
+
 def test_the_map_turns_with_the_heart(focal: ActivationMap) -> None:
     at, times = measured(51_204)
     turn, shift = rotation(np.array([0.4, -0.9, 0.3])), np.array([30.0, -12.0, 7.0])
@@ -126,6 +142,20 @@ def test_errors_of_place_make_times_less_sure() -> None:
     errors = np.repeat(2.0 * rng.normal(size=(50, 1, 3)), len(BALL.vertices), axis=1)
     still, moved = (map_activation(BALL, at, times, errors=e) for e in (0.0 * errors, errors))
     assert np.median(moved.sd) > 1.2 * np.median(still.sd)
+
+
+def test_intervals_hold_on_a_wall_that_a_registration_has_put_elsewhere() -> None:
+    """The wall is off by a smooth field, of which samples are told that are not the field itself."""
+    at, held = BALL.vertices, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        drawn = np.stack([wobble(rng, 2.5, RADIUS, 3)(at) - at for _ in range(101)])
+        wall, (xyz, times) = Surface(at + drawn[0], BALL.faces), measured(51_204 + seed)
+        found = [map_activation(wall, xyz, times, errors=errors) for errors in (None, drawn[1:])]
+        held.append([(np.abs(one.time - way_from_top(at)) < 1.96 * one.sd).mean() for one in found])
+    without, allowed = np.mean(held, axis=0)
+    assert without < 0.75
+    assert allowed > 0.9
 
 
 def test_samples_scatter_as_the_deviation_says(focal: ActivationMap) -> None:

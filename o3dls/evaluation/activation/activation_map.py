@@ -103,10 +103,8 @@ def map_activation(
     at = np.einsum("kc,kcm->km", weights, harmonics.values[corners])
     base, base_slope, posterior = _fit(harmonics, at, times, cycle)
     if errors is not None:
-        steep = (base_slope + posterior.slopes()[0])[:, :, None] * harmonics.frames
         shift = np.einsum("kc,skcd->skd", weights, errors[:, corners])
-        missed = np.einsum("kc,kcad,skd->sk", weights, steep[corners], shift)
-        posterior = replace(posterior, misplaced=missed.T @ missed / len(missed))
+        posterior = _allow_for_place(posterior, base_slope, (corners, weights), shift)
     slope, covariance = posterior.slopes()
     slope += base_slope
     velocity = find_velocity(slope, covariance)
@@ -125,6 +123,22 @@ def find_known(surface: Surface, points: Array) -> Mask:
     gap = cKDTree(points).query(surface.vertices)[0]
     spacing = np.sqrt(float(surface.vertex_areas @ (gap <= REACH)) / len(points))
     return np.asarray(gap <= min(REACH, max(NEAR, SPACINGS * spacing)))
+
+
+def _allow_for_place(
+    posterior: TimePosterior, base_slope: Array, at: tuple[Ints, Array], shift: Array
+) -> TimePosterior:
+    """Return the posterior where points, at corners (k, 3) with weights (k, 3), may be off by shifts (s, k,
+    3): their times are off by the slope times that. How unsure the slope is adds to the variance.
+    """
+    corners, weights = at
+    frames = posterior.harmonics.frames[corners]
+    slope, covariance = posterior.slopes()
+    steep = (base_slope + slope)[corners]
+    missed = np.einsum("kc,kca,kcad,skd->sk", weights, steep, frames, shift)
+    square = np.einsum("ski,skj->kij", shift, shift) / len(shift)
+    unsure = np.einsum("kc,kcab,kcai,kcbj,kij->k", weights, covariance[corners], frames, frames, square)
+    return replace(posterior, misplaced=missed.T @ missed / len(missed) + np.diag(unsure))
 
 
 def _fit(

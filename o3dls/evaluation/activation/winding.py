@@ -22,8 +22,11 @@ def choose_length(cycle: float) -> float:
 def find_wave(harmonics: Harmonics, at: Array, times: Array, cycle: float) -> tuple[Array, Array]:
     """Return exp(i phase) at points (k,), where the harmonics have values at (k, m), and at the vertices
     (n,): the mean of a process on the plane, so that early meets late without a step. Its usual size is 1.
+
+    It is as smooth as may be and still goes round: what it followed of the noise and of uneven speed would be
+    missing from the times beside it, of which the process learns how unsure they are.
     """
-    spectrum = SD**2 * harmonics.spectrum(choose_length(cycle))
+    spectrum = SD**2 * harmonics.spectrum(SMOOTH_LENGTH)
     joint = (at * spectrum) @ at.T + MEAN
     joint[np.diag_indices_from(joint)] += NOISE**2
     answer = np.linalg.solve(joint, np.exp(2j * np.pi * times / cycle))
