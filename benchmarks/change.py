@@ -33,6 +33,7 @@ from data_synth import Mapping, read_wall
 from data_synth.case_points import true_surface
 from data_synth.redo import CHANGED, VOLTAGE, redo
 from o3dls.arrays import Array
+from o3dls.evaluation.measures.numbers import CM2
 from o3dls.geometry.similarity import apply, fit_similarity
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
@@ -104,8 +105,8 @@ def judge_pair(folder: Path) -> Judged:
     fields, area = found.surface.fields, found.surface.vertex_areas
     compared = np.isfinite(fields["changed"])
     scar, weight = before.fields[CHANGED] > 0.5, before.vertex_areas
-    nominal = float(folder.name.split("cm2")[0].rpartition("_")[2])
-    true = nominal * float(weight @ (scar & compared) / max(weight @ scar, 1.0))
+    prior = read_case(folder / SIDES[0]).prior  # areas of changes are of it
+    true = float(prior.vertex_areas @ (scar & compared)) / CM2
     areas = [row for row in found.rows if row.what == "area"]
     parts = [fields["changed"] == k for k in range(1, len(areas) + 1)]
     hits = [row for row, inside in zip(areas, parts, strict=True) if (inside & scar).any()]

@@ -9,7 +9,8 @@ from tiny import sphere
 from o3dls.arrays import Array, Mask
 from o3dls.errors import InputError
 from o3dls.evaluation.changes.map_values import MOST, MapValues, values_on_prior
-from o3dls.evaluation.changes.regions import find_regions, stands_out
+from o3dls.evaluation.changes.reach import Differences, draw_reach
+from o3dls.evaluation.changes.regions import ChangedRegion, find_regions, redraw_regions, stands_out
 from o3dls.evaluation.changes.shape_change import compare_shapes
 from o3dls.evaluation.changes.value_change import ValueChange, compare_values
 from o3dls.evaluation.changes.value_process import learn_process, places
@@ -117,6 +118,51 @@ def test_a_region_is_cut_where_a_third_of_its_change_is_left() -> None:
     height = 5.0 + 0.36 * 15.0
     assert regions[0].area == pytest.approx(2.0 * np.pi * RADIUS * (RADIUS - height), rel=0.03)
     assert regions[0].change < 0.0
+
+
+def told(seed: int, count: int = 300) -> Differences:
+    """Points of a cap that is lower by 2, measured with a noise of 0.3."""
+    at = sampled(BALL, count, seed)
+    value = np.where(at[:, 2] > CAP, -2.0, 0.0) + 0.3 * np.random.default_rng(seed).normal(size=count)
+    return Differences(places(at, at / RADIUS), value, np.full(count, 0.09))
+
+
+def test_the_area_of_a_change_is_neither_too_large_nor_too_small_and_in_its_interval() -> None:
+    """Few points leave a wide interval, and by themselves no bias."""
+    about, off, held = BALL.vertices[:, 2] > RADIUS - 3.0, list[float](), 0
+    for seed in range(10):
+        rng = np.random.default_rng((21_007, seed))
+        areas = draw_reach(BALL, about, ALL, told(40_100 + seed, 150), -2.0, rng) @ BALL.vertex_areas
+        low, high = np.quantile(areas / CAP_AREA, [0.025, 0.975])
+        off.append(float(areas.mean()) / CAP_AREA - 1.0)
+        held += bool(low <= 1.0 <= high)
+    assert np.mean(off) == pytest.approx(0.0, abs=0.1)
+    assert held >= 8
+
+
+def test_a_region_in_two_parts_is_one_with_the_area_of_both() -> None:
+    z, x = BALL.vertices[:, 2], BALL.vertices[:, 0]
+    change = np.where(z > CAP, -2.0, 0.0)
+    parts = [
+        ChangedRegion(inside, float(BALL.vertex_areas @ inside), np.ones(2), -2.0, np.ones(2))
+        for inside in ((z > CAP + 1.0) & (x > 3.0), (z > CAP + 1.0) & (x < -3.0))
+    ]
+    errors = 0.1 * np.random.default_rng(8_080).normal(size=(100, len(z)))
+    found = redraw_regions(BALL, parts, change, errors, ALL, told(40_200))
+    assert len(found) == 1
+    assert found[0].area == pytest.approx(CAP_AREA, rel=0.15)
+    assert BALL.vertex_areas @ found[0].inside == pytest.approx(found[0].area, rel=0.03)
+    assert found[0].change == pytest.approx(-2.0, rel=0.2)
+
+
+def test_where_no_point_differs_there_is_no_region() -> None:
+    seen = told(40_201)
+    same = Differences(seen.at, np.zeros(len(seen.value)), seen.variance)
+    about = BALL.vertices[:, 2] > RADIUS - 1.0
+    region = ChangedRegion(about, 1.0, np.ones(2), -1.5, np.ones(2))
+    change, errors = np.where(about, -1.5, 0.0), np.zeros((5, len(about)))
+    areas = [one.area for one in redraw_regions(BALL, [region], change, errors, ALL, same)]
+    assert sum(areas) < 0.03 * CAP_AREA
 
 
 def test_of_pairs_without_a_change_one_in_twenty_stands_out() -> None:

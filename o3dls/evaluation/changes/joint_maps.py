@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -15,10 +15,10 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 from ..measures.numbers import slopes
 from .map_values import MapValues
+from .reach import CHANGE_LENGTH, Differences
 from .value_process import UNKNOWN, ValueProcess, decay, learn_process, places
 
 CHANGE_SD = 1.7  # of a change, over the sd of the values
-CHANGE_LENGTH = 8.0  # mm
 NEIGHBOURS = 8  # points by which it is judged whether a place is noisier than the rest
 
 
@@ -70,6 +70,18 @@ class JointMaps:
         covariance = -np.einsum("akn,bkn->abn", self._white, self._white)
         covariance[[0, 1], [0, 1]] += variance[:, None]
         return np.stack([seen.T @ answer, differs.T @ answer]), covariance
+
+    def differences(self, overall: float) -> Differences:
+        """Return by how much points of the second map differ from what the first tells of them, beside what
+        differs everywhere.
+        """
+        second = self.second > 0.0
+        wide = UNKNOWN * self.process.sd**2
+        crossed = self.process.covariance(self.at[~second], self.at[second]) + wide
+        told = cho_solve(cho_factor(self.own[np.ix_(~second, ~second)] + wide, lower=True), crossed)
+        value = self.values[second] - told.T @ self.values[~second] - overall
+        variance = np.diag(self.own)[second] + wide - (crossed * told).sum(axis=0)
+        return Differences(self.at[second], value, np.maximum(variance, 1e-8 * wide))
 
     def errors_without_change(self, count: int, rng: np.random.Generator) -> Array:
         """Return by how much (count, n) the second map seems to differ where it does not."""

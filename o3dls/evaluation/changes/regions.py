@@ -12,9 +12,11 @@ from ...arrays import TINY, Array, Mask
 from ...geometry.surface import Surface
 from ..measures.areas import share_below
 from ..measures.intervals import LEVEL
+from .reach import Differences, draw_reach
 
 REACHES = 0.36  # of its largest change: so far a region goes
 TRIED = 100  # samples of a region's area
+SEED = 7_219
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +57,46 @@ def find_regions(surface: Surface, change: Array, errors: Array, compared: Mask)
         left &= ~inside
         if not (inside & taken).any():
             areas = [_reach_about(surface, change + error, compared, peak)[1] for error in errors[:TRIED]]
-            share = surface.vertex_areas * inside / (surface.vertex_areas @ inside)
-            mean = float(share @ change)
-            found.append(ChangedRegion(inside, area, np.array(areas), mean, mean + errors @ share))
+            found.append(_average(surface, inside, (area, np.array(areas)), change, errors))
             taken |= inside
     return sorted(found, key=lambda region: -region.area)
+
+
+def redraw_regions(
+    surface: Surface,
+    regions: list[ChangedRegion],
+    change: Array,
+    errors: Array,
+    compared: Mask,
+    seen: Differences,
+) -> list[ChangedRegion]:
+    """Return regions with the borders that the points of the second map leave to them, the largest first:
+    their areas are those of borders as likely as one another, the area their mean, and the vertices those
+    that most often lie inside, of this area (Vorob'ev's expectation). What hangs together is one region.
+    """
+    found, taken = list[ChangedRegion](), np.zeros(len(change), dtype=bool)
+    rng = np.random.default_rng(SEED)
+    for one in regions:
+        if (one.inside & taken).any():
+            continue
+        height = float(change[np.argmax(np.where(one.inside, np.abs(change), -1.0))])
+        drawn = draw_reach(surface, one.inside, compared & ~taken, seen, height, rng)
+        areas = drawn @ surface.vertex_areas
+        order = np.argsort(-drawn.mean(axis=0), kind="stable")
+        inside = np.zeros_like(taken)
+        inside[order[np.cumsum(surface.vertex_areas[order]) <= areas.mean()]] = True
+        if inside.any():  # else no point says that it is there
+            found.append(_average(surface, inside, (float(areas.mean()), areas), change, errors))
+            taken |= inside
+    return sorted(found, key=lambda region: -region.area)
+
+
+def _average(
+    surface: Surface, inside: Mask, areas: tuple[float, Array], change: Array, errors: Array
+) -> ChangedRegion:
+    share = surface.vertex_areas * inside / (surface.vertex_areas @ inside)
+    mean = float(share @ change)
+    return ChangedRegion(inside, *areas, mean, mean + errors @ share)
 
 
 def _reach_about(surface: Surface, change: Array, compared: Mask, peak: int) -> tuple[Mask, float]:

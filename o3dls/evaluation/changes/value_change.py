@@ -25,7 +25,7 @@ from ..interpolation import REACH
 from ..measures.intervals import LEVEL
 from .joint_maps import JointMaps
 from .map_values import MapValues
-from .regions import ChangedRegion, find_regions
+from .regions import ChangedRegion, find_regions, redraw_regions
 
 DRAWS = 400
 # a map says nothing of wall that is farther than so many times its points are apart, or `REACH`; but so many
@@ -74,6 +74,8 @@ def compare_values(
     errors = joint.errors_without_change(DRAWS, rng)
     overall, usual, regions = _part_overall(prior, mean[1], errors, compared)
     mean += np.array([[joint.middle], [-overall]])
+    errors -= usual[:, None]
+    regions = redraw_regions(prior, regions, mean[1], errors, compared, joint.differences(overall))
     everywhere = overall + usual.std() * np.array([0.0, -1.0, 1.0]) * ndtri((1.0 + LEVEL) / 2.0)
     rows = _in_unit(mean, covariance, ratio, rng)
     before, after, change, low, high = (np.where(compared, one, np.nan) for one in rows)
