@@ -422,7 +422,8 @@ def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
     monkeypatch.setattr("o3dls.topology.search.fit_motion", lambda: SimpleNamespace(energy=next(refits)))
     monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
     data = SimpleNamespace(points=np.zeros((80, 3)))
-    before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=data), drift=None)
+    motion = SimpleNamespace(doubt=0.0)
+    before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=data), drift=None, motion=motion)
     found = SEARCH.best(before)  # type: ignore[arg-type]
     assert (found and found[1].gain) == taken
     assert next(refits, None) is None  # and what has not earned its evidence is not fitted
