@@ -16,6 +16,7 @@ from o3dls.geometry.similarity import apply, inverse
 from o3dls.io.images.registry import read_image
 from o3dls.motion.off_wall.field import off_wall
 from o3dls.motion.off_wall.inverse import fixed_point
+from o3dls.motion.off_wall.settings import SETTINGS
 from o3dls.runs.export.finished import export_run
 from o3dls.runs.export.placed import recorded
 from o3dls.runs.export.writer import Export
@@ -158,7 +159,9 @@ def test_a_fixed_point_says_where_it_misses() -> None:
     )
 
 
-def test_what_cannot_be_written_names_what_can(tmp_path: Path) -> None:
+def test_what_cannot_be_written_names_what_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = replace(SETTINGS, most_nodes=100_000)  # a grid of as many as are allowed takes minutes
+    monkeypatch.setattr("o3dls.motion.off_wall.grid.SETTINGS", few)
     folder = oblique_run().write(tmp_path / "run")
     with pytest.raises(
         InputError, match=r"'start' has no motion but its pose; name one behind .* --format tfm"
@@ -168,7 +171,7 @@ def test_what_cannot_be_written_names_what_can(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"end in \.h5 or \.tfm"):
         export_run(folder, tmp_path / "a.nii", format="itk")
     with pytest.raises(InputError, match=r"nodes: must be at most .*; say") as refused:
-        export_run(folder, tmp_path / "a.h5", format="itk", spacing=0.2)
+        export_run(folder, tmp_path / "a.h5", format="itk", spacing=1.0)
     export_run(folder, tmp_path / "a.h5", format="itk", spacing=float(str(refused.value).rsplit(" ", 1)[1]))
     with pytest.raises(PipelineError, match="holds both map and prior, in LPS; omit on and frame"):
         Export(format="itk", on="prior")
