@@ -35,10 +35,8 @@ POINTS_IN, PLACES_IN = 3.0, 2.0  # lengths about a region: points that count, an
 NODES = 500  # at which borders are drawn
 SAMPLES = 100
 ROUNDS = 20  # of expectation-maximisation
-VARIED, AS_POINTS = (
-    0.25,
-    3.0,
-)  # sd of a change over its height, before points tell, and how many that is worth
+# sd of a change over its height, before points tell, and how many points that is worth
+VARIED, AS_POINTS = 0.25, 3.0
 SWEEPS, DAMPED, SETTLED = 60, 0.5, 1e-3  # of expectation propagation
 SUREST = 30.0  # logarithm of odds; larger ones leave nothing that can be computed with
 NUGGET = 1e-5
