@@ -1,13 +1,17 @@
-"""What each rule by which wall is taken away is worth: python -m benchmarks.ablation FOLDER... --records FILE
+"""What each rule of the method is worth: python -m benchmarks.ablation FOLDER... --records FILE
 
-    python -m benchmarks.cases cross cases/cross --data ../shared/data --only 'cross_*_1_even_*'
-    python -m benchmarks.ablation cases/cross --records ablation.jsonl
-    python -m benchmarks.ablation cases/unvisited --prior-of template --records lost.jsonl
+    python -m benchmarks.cases paths cases/dev --data ../shared/data
+    python -m benchmarks.ablation cases/dev --records rules.jsonl
+    python -m benchmarks.ablation cases/dev --records some.jsonl --rules 'but not*' 'steps are mixed'
+    python -m benchmarks.ablation cases/dev --records none.jsonl --rules 'but not*' --together
+    python -m benchmarks.ablation --records rules.jsonl --by-group
 
-Every case is fitted once up to the level set, which is then made with all rules, and with each one switched
-off. A row of the table: the mean error of both directions (mm) and the share of true vein wall lost with all
-rules, and by group how much the rule, when it is off, adds to the error and to the share lost: mean of the
-paired differences, their standard error, and how many cases differ.
+Every case is run as the packaged pipeline has it, once with all rules and once with each one switched off
+(benchmarks.rules), from the first stage that the rule concerns; with `--together`, once with all of them
+off. A row of the table has the paired differences that a rule makes when it is off: on how many cases the
+result differs at all, how much is added to the mean error of both directions (mm: mean, standard error, the
+worst case for the rule's lack, the worst case for its presence), to the share of the wall in 95 % bands, to
+the share of true vein wall lost (both in points), and to the time. `warnings`: cases whose warnings differ.
 """
 
 from __future__ import annotations
@@ -15,104 +19,113 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatch
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from benchmarks.cases import Listed, find
+from benchmarks.rules import ALL, RULES, Numbers, switched
+from benchmarks.scores import calibration, distance_scores, lay_out, vein_scores
 from o3dls.case import Case
 from o3dls.estimate import Estimate
-from o3dls.levelset.result import Result
-from o3dls.reconstruction.settings import ReconstructionSettings
-from o3dls.stages.level_set import LevelSet
-from o3dls.stages.level_set_data import GivenPoints
+from o3dls.plugins.stage import Stage
 
 Record = dict[str, Any]
-Change = Callable[[ReconstructionSettings], ReconstructionSettings]
-ALL = "all rules"
+FIRST = {"Cut": 3, "Tub": 3, "Top": 3, "Rec": 4, "Spl": 4, "Nor": 4, "Amp": 4, "Sur": 4, "Own": 4, "Han": 4}
+OF_ONE_STAGE = {"Cov", "Ite", "Sel", "Lev", "Map", "Dri", "Cut", "Tub", "Top"}  # no later one has these
+DEFORM = 2  # the first stage that other rules concern
+DIFFERS = 1e-6  # mm
+ERRORS = (ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def _change_surplus(**numbers: float) -> Change:
-    return lambda usual: replace(usual, surplus=replace(usual.surplus, **numbers))
-
-
-RULES: dict[str, Change] = {
-    ALL: lambda usual: usual,
-    "nothing is taken for want of points": _change_surplus(most=0.0),
-    "not where all other wall has points": _change_surplus(even=0.0),
-    "not where points close the mouth": _change_surplus(closed=1.1),
-    "however little of the mouth is closed": _change_surplus(closed=-1.0),
-    "however much all parts are": _change_surplus(most=1.0),
-    "no part on a narrow neck": lambda usual: replace(usual, expected=1e9),
-    "a patient's part is never given up": lambda usual: replace(
-        usual, own_parts=replace(usual.own_parts, evidence=1e9)
-    ),
-    "a patient's part is given up as lightly": lambda usual: replace(
-        usual, own_parts=replace(usual.own_parts, evidence=0.0)
-    ),
-}
-
-
-class Altered(LevelSet):
-    """The stage with other numbers of the reconstruction."""
-
-    _change: Change = RULES[ALL]
-
-    def _reconstruct_wall(self, case: Case, start: Estimate, given: GivenPoints) -> Result | None:
-        from o3dls.adapters.meshing import isosurface
-        from o3dls.reconstruction.reconstructed import reconstructed
-
-        settings = self._change(ReconstructionSettings())
-        return reconstructed(start.surface, given.believed, case.units, self.spacing, isosurface, settings)
-
-
-def judged(listed: Listed, prior_of: str | None) -> Iterator[Record]:
-    """A record for every rule that is switched off on a case; the fit before the level set is shared."""
-    from benchmarks.scores import distance_scores, vein_scores
+def judged(listed: Listed, rules: Mapping[str, Numbers]) -> Iterator[Record]:
+    """A record for every rule that is switched off on a case; what is before its first stage is shared."""
     from o3dls.pipeline.file import default_pipeline
     from o3dls.pipeline.pipeline import Pipeline
 
     case = listed.read()
-    case = replace(case, **{"prior_of": prior_of}) if prior_of else case
-    before = [stage for stage in default_pipeline().allowed_by(case).stages if stage.name != "level_set"]
-    estimates = Pipeline(before, folds=0).fit(case)
-    start = list(estimates.values())[-1]
-    for rule, change in RULES.items():
-        stage = Altered()
-        stage._change = change
-        found = stage(start.corrected(case).visible(stage.fits), start)
-        lost = vein_scores(case, found.surface).get("vein_lost")
-        error = distance_scores(case, found)["ssd"]
-        yield {"group": listed.group, "case": listed.name, "rule": rule, "error": error, "lost": lost}
+    stages = default_pipeline().allowed_by(case).stages
+    pipeline = Pipeline(stages, folds=0)
+    estimates = pipeline.fit(case)
+    usual = [estimates.get(name) for name in pipeline.names]  # the start first: each stage's own start
+    for rule, numbers in {ALL: {}, **rules}.items():
+        first: int | None = min((FIRST.get(name[:3], DEFORM) for name in numbers), default=DEFORM)
+        begin = min(k for k, stage in enumerate(stages) if _rank(stage) >= (first or 0))
+        alone = bool(numbers) and all(name[:3] in OF_ONE_STAGE for name in numbers)
+        with switched(numbers):
+            at, found = perf_counter(), usual[begin]
+            for k, stage in enumerate(stages[begin:], begin):
+                found = stage(found.corrected(case).visible(stage.fits), found)
+                if alone and _are_same(found, usual[k + 1]):
+                    found, first = usual[-1], None  # no more time would tell anything
+                    break
+        scores = _score(case, found) | {"seconds": perf_counter() - at, "begin": first}
+        yield {"group": listed.group, "case": listed.name, "rule": rule, **scores}
 
 
-def table(records: list[Record]) -> str:
-    """The table of all groups."""
-    lines = []
-    for group in dict.fromkeys(record["group"] for record in records):
-        own = [record for record in records if record["group"] == group]
-        usual = {record["case"]: record for record in own if record["rule"] == ALL}
-        mean = np.mean([record["error"] for record in usual.values()])
-        lost = [record["lost"] for record in usual.values() if record["lost"] is not None]
-        lines.append(
-            f"{group} ({len(usual)}): {mean:.3f} mm" + (f", lost {np.mean(lost):.1%}" if lost else "")
-        )
-        for rule in list(RULES)[1:]:
-            rows = [record for record in own if record["rule"] == rule]
-            lines.append(f"  {rule:42s} {_compare_with_usual(rows, usual)}")
-    return "\n".join(lines)
+def _are_same(one: Estimate, other: Estimate) -> bool:
+    """Whether two estimates have the same surface and fields, to the last digit."""
+    fields, usual = one.surface.fields, other.surface.fields
+    return (
+        np.array_equal(one.surface.vertices, other.surface.vertices)
+        and fields.keys() == usual.keys()
+        and all(np.array_equal(fields[name], usual[name], equal_nan=True) for name in fields)
+        and one.warnings == other.warnings
+    )
 
 
-def _compare_with_usual(rows: list[Record], usual: dict[str, Record]) -> str:
-    """What a rule that is off adds, over all cases of a group."""
-    more = np.array([row["error"] - usual[row["case"]]["error"] for row in rows])
-    lost = [row["lost"] - usual[row["case"]]["lost"] for row in rows if row["lost"] is not None]
+def _rank(stage: Stage) -> int:
+    """Place of a stage in the packaged pipeline."""
+    return {"deform": DEFORM, "topology": 3, "level_set": 4}.get(stage.name, 1)
+
+
+def _score(case: Case, found: Estimate) -> Record:
+    """Error, bands, lost veins and warnings of a result."""
+    return {
+        "error": distance_scores(case, found)["ssd"],
+        "bands": calibration(case, found).get("cover95"),
+        "lost": vein_scores(case, found.surface).get("vein_lost"),
+        "warnings": sorted(warning.code for warning in found.warnings),
+    }
+
+
+def table(records: list[Record], by_group: bool = False) -> str:
+    """The table of all rules over all cases, or of every group."""
+    groups = list(dict.fromkeys(record["group"] for record in records)) if by_group else [None]
+    return "\n\n".join(_lay_out(records, group) for group in groups)
+
+
+def _lay_out(records: list[Record], group: str | None) -> str:
+    own = [record for record in records if group in (None, record["group"])]
+    usual = {record["case"]: record for record in own if record["rule"] == ALL}
+    rules = [rule for rule in dict.fromkeys(record["rule"] for record in own) if rule != ALL]
+    head = ["differ", "error", "se", "worst", "best", "bands", "lost", "seconds", "warnings"]
+    rows = [_compare(rule, [record for record in own if record["rule"] == rule], usual) for rule in rules]
+    mean = np.mean([record["error"] for record in usual.values()])
+    return f"{len(usual)} cases, {mean:.3f} mm\n" + lay_out([[group or "without", *head], *rows])
+
+
+def _compare(rule: str, rows: list[Record], usual: Mapping[str, Record]) -> list[str]:
+    """A row of the table: what is added where a rule is off."""
+    pairs = [(row, usual[row["case"]]) for row in rows]
+    more = np.array([row["error"] - other["error"] for row, other in pairs])
     se = more.std(ddof=1) / np.sqrt(len(more)) if len(more) > 1 else float("nan")
-    said = f"{more.mean():+.3f} +- {se:.3f} mm, {(np.abs(more) > 1e-6).sum()} differ"
-    return said + (f", lost {np.mean(lost):+.1%}" if lost else "")
+    cells = [f"{(np.abs(more) > DIFFERS).sum()}/{len(more)}", f"{more.mean():+.4f}", f"{se:.4f}"]
+    cells += [f"{more.max():+.3f}", f"{more.min():+.3f}"]
+    for key in ("bands", "lost"):
+        both = [(row[key], other[key]) for row, other in pairs if None not in (row[key], other[key])]
+        cells.append(f"{100.0 * np.mean([a - b for a, b in both]):+.2f}" if both else "")
+    return [rule, *cells, _compare_seconds(pairs), str(sum(a["warnings"] != b["warnings"] for a, b in pairs))]
+
+
+def _compare_seconds(pairs: list[tuple[Record, Record]]) -> str:
+    """Seconds that are added, where both were run from the same stage on."""
+    same = [row["seconds"] - other["seconds"] for row, other in pairs if row["begin"] == other["begin"]]
+    return f"{np.mean(same):+.2f}" if same else ""
 
 
 def _parse_arguments() -> argparse.Namespace:
@@ -120,27 +133,31 @@ def _parse_arguments() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", nargs="*", type=Path, help="case folders, or folders of them")
-    parser.add_argument("--prior-of", choices=("patient", "template"), help="in place of what the cases say")
-    parser.add_argument("--records", type=Path, help="one JSON line per case and rule; those in it stay")
+    parser.add_argument("--records", type=Path, required=True, help="JSON lines; cases in it stay")
+    parser.add_argument("--rules", nargs="+", default=["*"], metavar="PATTERN", help="only these rules")
+    parser.add_argument("--together", action="store_true", help="these rules off at once")
+    parser.add_argument("--by-group", action="store_true", help="a table for each group")
     return parser.parse_args()
 
 
 def main() -> None:
     arguments = _parse_arguments()
     path = arguments.records
-    lines = path.read_text().splitlines() if path and path.is_file() else []
+    lines = path.read_text().splitlines() if path.is_file() else []
     records: list[Record] = [json.loads(line) for line in lines]
     done = {record["case"] for record in records}
+    rules = {name: off for name, off in RULES.items() if any(fnmatch(name, one) for one in arguments.rules)}
+    if arguments.together:
+        rules = {"all of them": {name: value for off in rules.values() for name, value in off.items()}}
     for listed in find(arguments.folders) if arguments.folders else []:
         if listed.name in done:
             continue
-        found = list(judged(listed, arguments.prior_of))
+        found = list(judged(listed, rules))
         records += found
         print(f"{listed.name} done", file=sys.stderr, flush=True)
-        if path:
-            with path.open("a") as file:
-                file.writelines(json.dumps(record) + "\n" for record in found)
-    print(table(records))
+        with path.open("a") as file:
+            file.writelines(json.dumps(record) + "\n" for record in found)
+    print(table(records, arguments.by_group))
 
 
 if __name__ == "__main__":
