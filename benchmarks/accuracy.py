@@ -181,6 +181,7 @@ def count_shown(case: Case, noise: float) -> int:
     from o3dls.levelset.grid.band import Band
     from o3dls.levelset.grid.distance import signed_distance
     from o3dls.levelset.grid.isosurface import zero_set
+    from o3dls.levelset.settings import LatticeSettings
     from o3dls.reconstruction.points.point_density import PointDensity
     from o3dls.reconstruction.settings import ReconstructionSettings
     from o3dls.reconstruction.shape.handles import without_handles
@@ -193,7 +194,7 @@ def count_shown(case: Case, noise: float) -> int:
     phi = np.where(np.isnan(box), WIDTH, box).astype(np.float64)
     points = case.points.of("eam").xyz
     density = PointDensity(points, noise, near.band.low, SPACING, settings.handles)
-    least = settings.least_outside * SPACING
+    least = LatticeSettings().least_outside * SPACING
     asked = settings.handles.least_cut * (rms_radius(case.truth.surface.vertices) / SPACING) ** 2
     kept = without_handles(phi, density.log_likelihoods, settings.handles, least, asked)
     nodes = np.argwhere(np.ones(phi.shape, dtype=bool)).astype(np.int32)

@@ -25,7 +25,7 @@ class LatticeSettings:
     )
     few_closings: int = number(2, "", "number of `closings` tried before islands are removed")
     least_outside: float = number(
-        0.3, "spacings", "value that phi gets at least where merged walls are cut apart"
+        0.3, "spacings", "value that phi gets at least where a wall is cut or taken away"
     )
 
 
@@ -33,7 +33,6 @@ class LatticeSettings:
 class PaperSettings:
     """These settings discretise the paper's formulation."""
 
-    exact_noise: float = number(4e-6, "rms radii", "smallest noise, for points that lie exactly on the prior")
     delta_width: float = number(
         2.0, "spacings", "half width of delta and Heaviside: a whole number, to keep their sums"
     )

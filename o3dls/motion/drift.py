@@ -75,10 +75,10 @@ def _tuned_by_evidence(problem: MotionProblem, drifting: Scales, alone: Scales, 
 
 def _go_on(fit: MotionFit, state: State) -> MotionFit:
     """Run rounds from a state until the surface stands still."""
-    problem, settings = fit.problem, fit.problem.settings.drift
+    problem = fit.problem
     least = problem.settings.iteration.tolerance * problem.size
     trace = list[dict[str, float]]()
-    for _ in range(settings.rounds):
+    for _ in range(problem.settings.iteration.iterations):
         state, solved, record = step(problem, state, None)
         trace.append(record)
         if record["step"] < least:

@@ -46,4 +46,3 @@ class DriftSettings:
     doubted: float = number(
         0.1, "1", "share of the variance of that detail that may be errors where the order is lost"
     )
-    rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")

@@ -45,8 +45,8 @@ def fit_motion(
     """
     with one_blas_thread():
         if warm is not None:
-            rounds = warm.problem.settings.iteration.rounds_of_update
-            return _continue_fit(warm, data, slice(len(warm.state.weights)), rounds)
+            # one round: a further point moves the surface by a fraction of the noise
+            return _continue_fit(warm, data, slice(len(warm.state.weights)), 1)
         return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 

@@ -152,7 +152,7 @@ def _scale_covariance(posed: Array, marks: Array, settings: MotionSettings) -> C
         normal=tuple(size * x for x in chosen.normal_lengths),
         radius=size,
         anchors=marks,
-        anchor_length=size * chosen.anchor_length,
+        anchor_length=size * min(chosen.vector_lengths + chosen.normal_lengths),
         translation=chosen.translation_sd * size,
         rotation=chosen.rotation_sd,
         scale=chosen.scale_sd,

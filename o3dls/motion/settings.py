@@ -45,9 +45,6 @@ class CovarianceSettings:
     anchor_amplitude: float = number(
         1.2, "rms residuals", "expected shift of a landmark's surroundings, independent for each landmark"
     )
-    anchor_length: float = number(
-        0.46, "rms radii", "correlation length of a landmark's shift: 12 mm, as the shorter vector field"
-    )
     translation_sd: float = number(
         0.2, "rms radii", "prior sd of the translation: nearly free, since the start may be off by several mm"
     )
@@ -144,9 +141,6 @@ class IterationSettings:
         3000, "points", "most points of a kind in the first fit: of more, a subset is fitted first, then all"
     )
     rounds_with_all: int = number(8, "", "rounds with all points after a fit to a subset of them")
-    rounds_of_update: int = number(
-        1, "", "rounds per added point, which moves the surface by a fraction of the noise"
-    )
     update_tolerance: float = number(
         0.1, "noise levels", "step below which an update has converged: the surface stands within the noise"
     )

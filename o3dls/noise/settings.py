@@ -109,6 +109,4 @@ class MixtureSettings:
 
     iterations: int = number(40, "", "most iterations: the mixture mostly rests after ten")
     tolerance: float = number(1e-4, "1", "relative change of the noise below which the mixture rests")
-    least_noise: float = number(
-        1e-9, "rms radii", "smallest noise, for points that lie on the surface to the last digit"
-    )
+    least_noise: float = number(4e-6, "rms radii", "smallest noise, for points that lie on the surface")

@@ -216,9 +216,6 @@ class ReconstructionSettings:
     around_neck: int = number(
         4, "points", "fewest points on the wall around a neck for the part behind it to be taken away"
     )
-    least_outside: float = number(
-        0.3, "spacings", "value that phi gets at least where something was taken away"
-    )
     cut_smoothing: float = number(
         1.0, "spacings", "sd of the average that takes the lattice's steps off cuts"
     )

@@ -22,8 +22,9 @@ class SurplusSettings:
     cosine: float = number(
         0.5, "1", "least cosine between a point's normal and a step that leads through its wall"
     )
-    covered: float = number(0.05, "1", "cost of new wall that has points, over that of new wall without")
-    unsupported: float = number(1.0, "1", "cost of keeping wall without points")
+    covered: float = number(
+        0.05, "1", "cost of new wall with points, over that of new wall, or wall, without"
+    )
     sac: float = number(
         0.3, "1", "cost of keeping wall without points in the search for sacs, which hang on narrow necks"
     )

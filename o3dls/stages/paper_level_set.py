@@ -46,8 +46,8 @@ class PaperLevelSet(Stage):
         from ..adapters.self_intersections import crossing
         from ..evaluation.distances import distances
         from ..levelset.paper import Weights, descend
-        from ..levelset.settings import PaperSettings
         from ..noise.robust import robust_sd
+        from ..noise.settings import MixtureSettings
 
         if not (case.points.type == "eam").any():
             raise InputError(f"paper_level_set: case {case.name} has no points of type eam")
@@ -56,7 +56,7 @@ class PaperLevelSet(Stage):
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
         noise = start.sigma if start.motion is not None else None
-        least = PaperSettings().exact_noise * rms_radius(prior.vertices)
+        least = MixtureSettings().least_noise * rms_radius(prior.vertices)
         sigma = noise or max(robust_sd(distances(points, prior)), least)
         weights = Weights(self.data, self.area, self.shape)
         reached = descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)

@@ -15,6 +15,7 @@ from ..noise.contact import Contact, inside_point_weights
 from ..noise.curved_wall import curved_wall_bias
 from ..noise.likelihood import Likelihood
 from ..noise.robust import robust_sd
+from ..noise.settings import MixtureSettings
 from .settings import ObservationSettings
 from .wall import Wall
 
@@ -70,7 +71,7 @@ def observe(
     settings = settings or ObservationSettings()
     distance, corners, weights = wall.look(points)
     known = robust_sd(distance[~one_sided]) if noise.sigma is None else noise.sigma
-    sigma = relative * max(known, settings.exact_noise * wall.radius)
+    sigma = relative * max(known, MixtureSettings().least_noise * wall.radius)
     likelihood = Likelihood(sigma, _expect_contact(wall, noise, settings), one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     bias = np.where(one_sided, 0.0, curved_wall_bias(sigma, bend, settings.curved))

@@ -19,6 +19,7 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
+from ..levelset.settings import LatticeSettings
 from ..motion.drift import fit_with_drift, with_doubt
 from ..motion.field.observations import Data
 from ..motion.fit import TrialFit, fit_motion
@@ -160,7 +161,7 @@ class TopologySearch:
         """Return the level set of the prior in its pose, on a lattice that is so much coarser."""
         posed = posed_prior(fit)
         spacing = coarser * max(self.spacing, _mean_edge(posed))
-        return signed_distance(posed.vertices, posed.faces, spacing, self.settings.half_band * spacing)
+        return signed_distance(posed.vertices, posed.faces, spacing, LatticeSettings().half_band * spacing)
 
     def trial(self, fit: MotionFit, posed: Surface, data: Data) -> TrialFit:
         """Return a motion that judges what the prior was made into. Its points share rows of the linear

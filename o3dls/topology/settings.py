@@ -18,9 +18,6 @@ class ObservationSettings:
     most_outliers: float = number(
         0.3, "1", "largest outlier fraction that is believed: with more, too few points would count"
     )
-    exact_noise: float = number(
-        4e-6, "rms radii", "smallest noise, for points that lie exactly on the surface"
-    )
     curved: CurvedWallSettings = field(default_factory=CurvedWallSettings)
     contact: ContactSettings = field(default_factory=ContactSettings)
 
@@ -138,7 +135,6 @@ class TopologySettings:
         0.8, "areas", "share of the prior's area that must be left for the prior to be whole"
     )
     judged: int = number(3, "", "most tubes, and most cuts, that are judged: the likeliest")
-    half_band: float = number(3.0, "spacings", "half width of the narrow band on which the prior is changed")
     cuts: CutSettings = field(default_factory=CutSettings)
     tubes: TubeSettings = field(default_factory=TubeSettings)
     observation: ObservationSettings = field(default_factory=ObservationSettings)

@@ -19,6 +19,7 @@ from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
+from o3dls.levelset.settings import LatticeSettings
 from o3dls.motion.fit import TrialFit, fit_motion, settled
 from o3dls.motion.problem import motion_problem
 from o3dls.motion.result import MotionFit
@@ -146,7 +147,7 @@ def test_a_handle_that_points_deny_is_removed() -> None:
 
 
 def level_set(surface: Surface, spacing: float) -> SignedDistance:
-    return signed_distance(surface.vertices, surface.faces, spacing, SETTINGS.half_band * spacing)
+    return signed_distance(surface.vertices, surface.faces, spacing, LatticeSettings().half_band * spacing)
 
 
 def test_a_tube_that_points_trace_is_grown_and_said() -> None:

@@ -17,6 +17,7 @@ from ...levelset.grid.isosurface import zero_set
 from ...levelset.grid.masks import gaps, widened
 from ...levelset.grid.regularised import regularised
 from ...levelset.repair import Mesher
+from ...levelset.settings import LatticeSettings
 from ...noise.contact import contact_density
 from ..field.equations import floating
 from ..field.reconstruction import Reconstruction
@@ -38,7 +39,7 @@ def reconstructed_wall(
     mesh: what will mesh phi. Where that has another topology, as where walls are closer than the lattice
     tells apart, the wall is a mesh of fewer faces than the zero set has.
     """
-    prior, least = found.prior, settings.least_outside * found.prior.spacing
+    prior, least = found.prior, LatticeSettings().least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
     if found.template:
@@ -71,7 +72,7 @@ def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionS
     # a part that holds points known to be inside must be there
     there = np.unique(parts[tuple(_nearest_nodes(found.inside, found).T)])
     away &= ~np.isin(parts, there)
-    least = settings.least_outside * found.prior.spacing
+    least = LatticeSettings().least_outside * found.prior.spacing
     return np.where(away, np.maximum(-phi, least), phi), cut - int(np.count_nonzero(there))
 
 
@@ -153,7 +154,7 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     told = np.clip((faded - gap) / (faded - alone), 0.0, 1.0)
     phi += np.where(near, told * found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
     # the box ends outside, or the wall would stay open there: far from points the field may say anything
-    least = settings.least_outside * prior.spacing
+    least = LatticeSettings().least_outside * prior.spacing
     ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)
     phi[ends] = np.maximum(phi[ends], least)
     # what is open to the outside has no wall: neither points nor the moved prior bound it
@@ -210,7 +211,7 @@ def without_pinched_off(
             not joint.any()
             or (_gaps_to_nearest(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck
         ):
-            phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
+            phi[mine] = np.maximum(-phi[mine], LatticeSettings().least_outside * spacing)
             removed += 1
     return whole, removed
 

@@ -60,7 +60,7 @@ def surplus(
     by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
-    parts = _find_bare_parts(inside, settings.unsupported, room, settings)
+    parts = _find_bare_parts(inside, 1.0, room, settings)
     if (inside.wall & _unite_parts(parts, inside)).sum() > settings.most * inside.wall.sum():
         parts = []  # no heart lacks so much of another: more likely the catheter was never there
     elif not (whole and even):
