@@ -102,7 +102,7 @@ def step(
     early = iteration is not None and iteration < len(settings.noise_factors)
     past = () if early or tuning else state.past
     feet_on = mixed(taken, past, settings.longest_step)
-    past = (*past, taken)[-settings.mixed_steps :]
+    past = (*past, taken)[len(past) + 1 - settings.mixed_steps :]
     patches = rows.of_point if late else None
     return State(feet_on, moved, scales, contact, weights, patches, past), solved, record
 
