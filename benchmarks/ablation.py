@@ -2,8 +2,8 @@
 
     python -m benchmarks.cases paths cases/dev --data ../shared/data
     python -m benchmarks.ablation cases/dev --records rules.jsonl
-    python -m benchmarks.ablation cases/dev --records some.jsonl --rules 'but not*' 'steps are mixed'
-    python -m benchmarks.ablation cases/dev --records none.jsonl --rules 'but not*' --together
+    python -m benchmarks.ablation cases/dev --records some.jsonl --rules 'parts*' 'steps are mixed'
+    python -m benchmarks.ablation cases/dev --records none.jsonl --rules 'parts*' --together
     python -m benchmarks.ablation --records rules.jsonl --by-group
 
 Every case is run as the packaged pipeline has it, once with all rules and once with each one switched off
