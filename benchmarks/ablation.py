@@ -5,6 +5,7 @@
     python -m benchmarks.ablation cases/dev --records some.jsonl --rules 'parts*' 'steps are mixed'
     python -m benchmarks.ablation cases/dev --records none.jsonl --rules 'parts*' --together
     python -m benchmarks.ablation --records rules.jsonl --by-group
+    python -m benchmarks.ablation cases/unvisited --prior-of template --records lost.jsonl
 
 Every case is run as the packaged pipeline has it, once with all rules and once with each one switched off
 (benchmarks.rules), from the first stage that the rule concerns; with `--together`, once with all of them
@@ -20,6 +21,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from time import perf_counter
@@ -42,12 +44,13 @@ DIFFERS = 1e-6  # mm
 ERRORS = (ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def judged(listed: Listed, rules: Mapping[str, Numbers]) -> Iterator[Record]:
+def judged(listed: Listed, rules: Mapping[str, Numbers], prior_of: str | None = None) -> Iterator[Record]:
     """A record for every rule that is switched off on a case; what is before its first stage is shared."""
     from o3dls.pipeline.file import default_pipeline
     from o3dls.pipeline.pipeline import Pipeline
 
     case = listed.read()
+    case = replace(case, **{"prior_of": prior_of}) if prior_of else case
     stages = default_pipeline().allowed_by(case).stages
     pipeline = Pipeline(stages, folds=0)
     estimates = pipeline.fit(case)
@@ -133,6 +136,7 @@ def _parse_arguments() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", nargs="*", type=Path, help="case folders, or folders of them")
+    parser.add_argument("--prior-of", choices=("patient", "template"), help="in place of what the cases say")
     parser.add_argument("--records", type=Path, required=True, help="JSON lines; cases in it stay")
     parser.add_argument("--rules", nargs="+", default=["*"], metavar="PATTERN", help="only these rules")
     parser.add_argument("--together", action="store_true", help="these rules off at once")
@@ -152,7 +156,7 @@ def main() -> None:
     for listed in find(arguments.folders) if arguments.folders else []:
         if listed.name in done:
             continue
-        found = list(judged(listed, rules))
+        found = list(judged(listed, rules, arguments.prior_of))
         records += found
         print(f"{listed.name} done", file=sys.stderr, flush=True)
         with path.open("a") as file:

@@ -89,6 +89,7 @@ RULES: dict[str, Numbers] = {
     "the noise is found again": {"AmplitudeSettings.noise_factors": (1.0,)},
     "parts without points go": {"SurplusSettings.most": 0.0},
     "a mouth need not be closed where all is mapped": {"SurplusSettings.even": 0.0},
+    "a closed mouth is enough": {"SurplusSettings.closed": 1.1},
     "parts go only behind closed mouths": {"SurplusSettings.closed": -1.0},
     "parts stay on which wall hangs": {"SurplusSettings.severed": NEVER},
     "parts stay that are too much": {"SurplusSettings.most": 1.0},
