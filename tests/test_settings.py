@@ -9,6 +9,8 @@ from collections.abc import Iterator
 import pytest
 from conftest import ROOT
 
+from o3dls.cli.settings import CLASSES, tables
+
 LONGEST = 95  # characters that a row of a table has room for
 LEANING = ("and", "or", "nor", "but", "likewise", "the same", "as which", "next to", "of", "that", "which")
 BEGINS = re.compile(rf"(?:{'|'.join(LEANING)}|(?:by|in|on|from|to|with) (?:which|what))\b", re.IGNORECASE)
@@ -70,6 +72,13 @@ def test_a_reason_that_leans_on_another_is_refused(why: str) -> None:
 )
 def test_a_reason_is_not_refused_for_a_word_that_only_looks_alike(why: str) -> None:
     assert fault(why) is None
+
+
+def test_every_class_of_numbers_is_printed() -> None:
+    printed = "\n".join(map(tables, CLASSES))
+    kinds = {name.partition(".")[0] for name, _ in reasons()}
+    # the weights of the paper's energy are parameters of its stage, and printed with those
+    assert {kind for kind in kinds if f"`{kind}`" not in printed} == {"Weights"}
 
 
 def test_every_reason_stands_alone() -> None:

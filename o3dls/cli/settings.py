@@ -16,10 +16,11 @@ from ..settings import Number, numbers
 from .options import as_json, progress
 from .words import DONE, NOT_VALID, say, say_json, say_lines
 
-# The classes of each package's module `settings`; each holds those of its parts.
+# The classes of each package's module `settings`, or of that of a package in it. Each holds those of its
+# parts.
 CLASSES = {
     "noise": ("ContactSettings", "MixtureSettings", "DuplicateSettings", "CurvedWallSettings"),
-    "motion": ("MotionSettings", "TemplateSettings"),
+    "motion": ("MotionSettings", "TemplateSettings", "off_wall.OffWallSettings", "wall.WallSettings"),
     "levelset": ("LatticeSettings", "PaperSettings"),
     "reconstruction": ("ReconstructionSettings",),
     "topology": ("TopologySettings",),
@@ -41,8 +42,12 @@ def tables(package: str) -> str:
     """Write the numbers of a package as Markdown, a table for each class. Raises InputError."""
     if package not in CLASSES:
         raise InputError(f"no settings of a package '{package}'{did_you_mean(package, list(CLASSES))}")
-    module = import_module(f"o3dls.{package}.settings")
-    return "\n\n".join(text for name in CLASSES[package] for text in _write_tables(getattr(module, name)()))
+    found = [name.rpartition(".") for name in CLASSES[package]]
+    modules = [
+        import_module(".".join(filter(None, ("o3dls", package, part, "settings")))) for part, _, _ in found
+    ]
+    classes = [getattr(module, name) for module, (_, _, name) in zip(modules, found, strict=True)]
+    return "\n\n".join(text for one in classes for text in _write_tables(one()))
 
 
 def _write_tables(settings: Any, prefix: str = "") -> Iterator[str]:
