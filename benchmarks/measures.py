@@ -15,7 +15,9 @@ truth's rank among these 200 samples, in fifths, in percent (simulation-based ca
 each where samples are calibrated, more at the ends where they are too narrow.
 
 Of a case whose true wall is another surface (a prior of another person) the default pipeline's result is
-measured: its volume, and the areas of the eight octants about its middle, in rows of their own.
+measured: its volume, the areas of the eight octants about its middle, and the sections of its tubes, in rows
+of their own. The true section is spanned by the places of the true wall that are nearest to its border, so
+that a section that lies farther along its tube does not count.
 
 Below: the processor's seconds that a case takes, from the motion to the intervals of 200 samples.
 
@@ -129,9 +131,12 @@ def judge_unlike(case: Case, truth: Surface, judged: dict[str, Judged]) -> None:
     estimate = list(plan.run(replace(case, truth=None)).estimates.values())[-1]
     surface = estimate.surface
     middle = surface.vertices.mean(axis=0)
-    parts, true_parts = (Parts(_find_octants(wall.vertices, middle)) for wall in (surface, truth))
+    octants, true_octants = (_find_octants(wall.vertices, middle) for wall in (surface, truth))
+    parts = Parts(octants, _find_tubes(surface))
+    nearest = surface.with_vertices(truth.closest_point.query(surface.vertices)[2])
     samples = estimate.samples(SAMPLES, SEED)
-    naive, true = measure_surface(surface, parts, None), measure_surface(truth, true_parts, None)
+    naive = measure_surface(surface, parts)
+    true = measure_surface(nearest, parts) | measure_surface(truth, Parts(true_octants))
     drawn, plain = draw_numbers(samples, parts, naive), sample_numbers(samples, parts)
     for quantity in drawn.keys() & true.keys():
         kind = f"{_name_kind(quantity)}, another's prior"
