@@ -13,7 +13,6 @@ from ..field.covariance import interpolation
 from .settings import SETTINGS
 
 WORTH = 1000  # places that are worth a thread
-TOGETHER = 16  # places whose sums wait to be written, a sample's behind each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +53,9 @@ def _sum_values(found, near, share, axes, nodes):  # type: ignore[no-untyped-def
     """Fill in found (n, count, c), with nodes (m, count c): what all samples have at a node lies together, so
     that a place's sums are vector instructions.
     """
-    sums = np.empty((TOGETHER, nodes.shape[1]))
-    for first in range(0, len(near), TOGETHER):
-        block = range(min(TOGETHER, len(near) - first))
+    sums = np.empty((16, nodes.shape[1]))  # of places whose sums are written together, sample by sample
+    for first in range(0, len(near), len(sums)):
+        block = range(min(len(sums), len(near) - first))
         for v in block:
             total = sums[v]
             total[:] = 0.0
