@@ -105,8 +105,7 @@ def judge_pair(folder: Path) -> Judged:
     fields, area = found.surface.fields, found.surface.vertex_areas
     compared = np.isfinite(fields["changed"])
     scar, weight = before.fields[CHANGED] > 0.5, before.vertex_areas
-    prior = read_case(folder / SIDES[0]).prior  # areas of changes are of it
-    true = float(prior.vertex_areas @ (scar & compared)) / CM2
+    true = float(weight @ (scar & compared)) / CM2
     areas = [row for row in found.rows if row.what == "area"]
     parts = [fields["changed"] == k for k in range(1, len(areas) + 1)]
     hits = [row for row, inside in zip(areas, parts, strict=True) if (inside & scar).any()]

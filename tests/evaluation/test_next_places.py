@@ -16,7 +16,7 @@ from o3dls.estimate import Estimate
 from o3dls.evaluation import next_places
 from o3dls.evaluation.wall_modes import wall_modes
 from o3dls.geometry.cut_wall import CUT
-from o3dls.geometry.inner_balls import depth_in_tubes, inner_balls
+from o3dls.geometry.inner_balls import GRAZING, depth_in_tubes, inner_balls
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.spread import spread
 from o3dls.motion.recorded import RecordedMotion
@@ -206,6 +206,23 @@ def test_inner_balls_of_a_sphere_are_the_sphere() -> None:
     centre, radius = inner_balls(20.0 * on[:50], on[:50], 20.0 * on)
     assert np.allclose(radius, 20.0, rtol=1e-3)  # the ball stops shrinking within 0.001 of its radius
     assert np.abs(centre).max() < 0.03
+
+
+def test_inner_balls_are_those_of_a_plain_loop_over_all_points() -> None:
+    """On a body with dents and bumps, so that balls of all sizes touch it."""
+    rng = np.random.default_rng(60_517)
+    out = sphere(1.0, 14).vertices
+    points = 20.0 * out * (1.0 + 0.3 * np.sin(5.0 * out).prod(axis=1))[:, None]
+    normals = out + 0.2 * rng.normal(size=out.shape)  # uneven, as a scanner's
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    _, radius = inner_balls(points, normals, points)
+    away = points[:, None] - points
+    height = np.einsum("ijd,id->ij", away, normals)
+    squared = (away**2).sum(axis=2)
+    bounding = (height > 0.0) & (height**2 > GRAZING**2 * squared)
+    through = np.divide(squared, 2.0 * height, out=np.full(height.shape, np.inf), where=bounding)
+    widest = float(np.ptp(points, axis=0).min()) / 2
+    assert radius == pytest.approx(np.minimum(through.min(axis=1), widest), rel=1e-12)
 
 
 def test_depth_grows_along_a_tube() -> None:

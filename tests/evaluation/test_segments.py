@@ -14,6 +14,7 @@ from o3dls.evaluation.segments.division import SEGMENTS, VALVE, Division, divide
 from o3dls.evaluation.segments.flattening import flatten
 from o3dls.evaluation.segments.naming import TEMPLATE, VALVE_NORMAL
 from o3dls.evaluation.segments.openings import Openings, find_openings
+from o3dls.evaluation.segments.tubes import CREASED
 from o3dls.evaluation.wall_graph import cut_apart
 from o3dls.geometry.similarity import apply
 from o3dls.geometry.surface import Surface
@@ -99,11 +100,27 @@ def test_tubes_that_touch_are_parted_where_they_do() -> None:
 
     surface = meshed(distance, 20.0)
     at = surface.vertices
-    first = cut_apart(surface, np.ones(len(at), dtype=bool), at[:, 2] < -15.0, at[:, 0] > 14.0)
+    first, cost = cut_apart(surface, np.ones(len(at), dtype=bool), at[:, 2] < -15.0, at[:, 0] > 14.0)
+    assert cost < CREASED
     true = np.hypot(at[:, 0], at[:, 1]) < 4.2
     assert first[at[:, 2] > 8.0].all()
     assert (first == true)[surface.vertices[:, 0] < 3.0].all()
     assert (first != true).mean() < 0.02
+
+
+def test_no_crease_parts_the_ends_of_one_tube() -> None:
+    """A bent tube, as a vein whose tip touches the chamber: the cheapest cut is across it, somewhere."""
+
+    def distance(points: Array) -> Array:
+        angle = np.arctan2(np.maximum(points[:, 2], 0.0), points[:, 0])  # its ends are at z = 0
+        middle = 14.0 * np.column_stack([np.cos(angle), np.zeros(len(angle)), np.sin(angle)])
+        return np.asarray(np.linalg.norm(points - middle, axis=1) - 5.0)
+
+    surface = meshed(distance, 22.0)
+    low = surface.vertices[:, 2] < 0.0
+    right = surface.vertices[:, 0] > 0.0
+    _, cost = cut_apart(surface, np.ones(len(low), dtype=bool), low & right, low & ~right)
+    assert cost > CREASED
 
 
 def test_what_has_no_veins_is_no_atrium() -> None:

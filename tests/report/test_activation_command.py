@@ -1,8 +1,11 @@
-"""`o3dls activation`: a run's times and velocities on the terminal, as JSON and as a folder, or why not."""
+"""`o3dls activation`: a run's times and velocities on the terminal, as JSON and as a folder, or why not; and
+in the report.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +16,13 @@ from click.testing import CliRunner, Result
 from o3dls import Case, Deform, Pipeline, read_surface
 from o3dls.cli.commands import cli
 from o3dls.io.table import read_table
+from o3dls.report.drawing.fields import known_fields
+from o3dls.report.drawing.painting import paint_field
+from o3dls.report.drawing.raster import Canvas, View
+from o3dls.report.drawing.scene import scene
+from o3dls.report.mapping.activation import SHOWN, TIME, shown_activation, with_activation
+from o3dls.report.sections.electrical import activation_section
+from o3dls.report.subject import read_subject
 from tests.chamber import chamber, measured
 from tests.finished import finished, finished_2d
 
@@ -99,3 +109,57 @@ def test_runs_without_an_activation_are_refused(runs: tuple[Path, Path], tmp_pat
     assert "no column 'lat'" in str(said(finished(tmp_path / "plain")).exception)
     assert "must be in 3D and mm" in str(said(finished_2d(tmp_path / "flat")).exception)
     assert "must be more than 0" in str(said(runs[0], "--cycle", -5).exception)
+
+
+def test_the_report_shows_times_with_their_sd_and_speed_where_it_is_told(runs: tuple[Path, Path]) -> None:
+    subject = read_subject([runs[0]])
+    found = shown_activation(subject)
+    assert found is not None
+    section = activation_section(subject)
+    assert section is not None
+    assert section.body.count("<img") == 6  # three fields, from the front and from behind
+    rows = {(row.where, row.what): row for row in found.rows}
+    cells = re.findall(r"<td>(.*?)</td>", section.body[section.body.index('<th scope="row">wall') :])
+    for cell, what, digits in ((3, "activation time", 0), (5, "speed, median", 2)):
+        row = rows["wall", what]
+        interval = f"({row.low:.{digits}f} to {row.high:.{digits}f})"
+        assert cells[cell] == f"{row.value:.{digits}f} {interval}"
+    share = rows["wall", "area with a velocity"].value / rows["wall", "area mapped"].value
+    assert float(cells[4]) == pytest.approx(100.0 * share, abs=0.5)
+
+    fields = {one["key"]: one for one in scene(subject)["fields"]}
+    assert fields[TIME]["step"] == 10.0  # ms between isochrones
+    assert fields[TIME]["map"] == "mapping"
+    drawn = with_activation(subject, {subject.last.name: subject.last.estimate.surface})
+    shown = drawn[subject.last.name].fields
+    assert set(SHOWN) <= set(shown)
+    told = found.surface.fields["untold"] == 0.0
+    assert np.array_equal(np.isfinite(shown["conduction_speed"]), told)
+    assert 0.0 < told.mean() < 1.0
+
+
+def test_the_report_says_where_early_wall_lies_beside_late_wall(runs: tuple[Path, Path]) -> None:
+    section = activation_section(read_subject([runs[1]]))
+    assert section is not None
+    assert "give its cycle length" in section.body
+
+
+def test_a_report_without_times_has_no_activation(tmp_path: Path) -> None:
+    assert activation_section(read_subject([finished(tmp_path / "plain")])) is None
+    assert activation_section(read_subject([finished_2d(tmp_path / "flat")])) is None
+
+
+def test_a_picture_of_times_has_one_colour_from_isochrone_to_isochrone() -> None:
+    surface = replace(PRIOR, fields={TIME: PRIOR.vertices[:, 2] - PRIOR.vertices[:, 2].min()})
+    field = next(one for one in known_fields([surface], "mm") if one.key == TIME)
+    view = View(np.eye(3), PRIOR.vertices.mean(axis=0), 80.0)
+
+    def hues(step: float) -> int:
+        canvas = Canvas(view, 200, 200, (1.0, 1.0, 1.0))
+        seen: list[np.ndarray] = []
+        paint = paint_field(surface, replace(field, step=step))
+        canvas.surface(surface, lambda pixels: seen.append(paint(pixels)) or seen[-1])
+        return len(np.unique(seen[0], axis=0))
+
+    assert hues(10.0) <= np.ptp(surface.fields[TIME]) / 10.0 + 2
+    assert hues(0.0) > 50

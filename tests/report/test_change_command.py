@@ -36,7 +36,7 @@ def mapped(seed: int, stretch: float, *, scar: bool) -> Case:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("runs")
-    cases = mapped(40_811, 1.05, scar=False), mapped(40_812, 1.1, scar=True)
+    cases = mapped(40_811, 1.3, scar=False), mapped(40_812, 1.25, scar=True)
     first, second = (Pipeline([Deform()], folds=0).run(case).write(folder / case.name) for case in cases)
     return first, second
 
@@ -62,9 +62,16 @@ def test_a_new_scar_is_in_the_table_the_json_and_the_folder(runs: tuple[Path, Pa
     assert table.numbers("value") == pytest.approx([one["value"] for one in found["changes"]])
     assert json.loads((out / "change.json").read_text(encoding="utf-8")) == found
     for name in ("surface.ply", "surface.vtp"):
-        fields = read_surface(out / name).fields
+        surface = read_surface(out / name)
+        fields = surface.fields
         assert {"change_bipolar", "change_low", "change_high", "changed", "displacement_mm"} <= set(fields)
-        back = read_surface(out / name).vertices[:, 1] > SCAR + 3.0
+        back = surface.vertices[:, 1] > SCAR + 3.0
+        area = surface.vertex_areas / 100.0
+        assert rows["area compared", "wall"]["value"] == pytest.approx(
+            float(area @ np.isfinite(fields["changed"])), rel=1e-4
+        )
+        marked = float(area @ (fields["changed"] == 1.0))  # whole vertices, up to the area
+        assert 0.0 <= rows["area", "change 1"]["value"] - marked <= area.max()
         assert np.nanmedian(fields["changed"][back]) == 1.0
         assert np.nanmedian(fields["changed"][~back]) == 0.0
 

@@ -81,7 +81,8 @@ class JointMaps:
         told = cho_solve(cho_factor(self.own[np.ix_(~second, ~second)] + wide, lower=True), crossed)
         value = self.values[second] - told.T @ self.values[~second] - overall
         variance = np.diag(self.own)[second] + wide - (crossed * told).sum(axis=0)
-        return Differences(self.at[second], value, np.maximum(variance, 1e-8 * wide))
+        wall = places(self.prior.vertices, self.prior.vertex_normals)
+        return Differences(wall, self.at[second], value, np.maximum(variance, 1e-8 * wide))
 
     def errors_without_change(self, count: int, rng: np.random.Generator) -> Array:
         """Return by how much (count, n) the second map seems to differ where it does not."""

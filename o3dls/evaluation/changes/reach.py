@@ -26,9 +26,7 @@ from scipy.special import expit, ndtr
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.spread import spread
-from ...geometry.surface import Surface
 from ...motion.wall.nodes import NodeSums
-from .value_process import places
 
 CHANGE_LENGTH = 8.0  # mm, of a change and of the latent process
 POINTS_IN, PLACES_IN = 3.0, 2.0  # lengths about a region: points that count, and places that may be of it
@@ -45,19 +43,20 @@ NUGGET = 1e-5
 @dataclass(frozen=True, eq=False)
 class Differences:
     """Differences are by how much k points at places (k, 6) of the second map differ (k,) from what the first
-    tells of them, each with its variance (k,) where nothing changed.
+    tells of them, each with its variance (k,) where nothing changed; wall (n, 6): the places of the vertices.
     """
 
+    wall: Array
     at: Array
     value: Array
     variance: Array
 
 
 def draw_reach(
-    surface: Surface, about: Mask, compared: Mask, seen: Differences, height: float, rng: np.random.Generator
+    faces: Ints, about: Mask, compared: Mask, seen: Differences, height: float, rng: np.random.Generator
 ) -> Mask:
     """Return at which vertices (s, n) a change may be that was found about some (n,) and has a height."""
-    vertices = places(surface.vertices, surface.vertex_normals)
+    vertices = seen.wall
     found = cKDTree(vertices[about])
     some = found.query(seen.at)[0] < POINTS_IN * CHANGE_LENGTH
     odds = _weigh_points(seen.value[some], seen.variance[some], height)
@@ -67,7 +66,7 @@ def draw_reach(
     latent = NodeSums.of(nodes, vertices[rows], CHANGE_LENGTH).values(at_nodes[:, :, None])[:, :, 0]
     inside = np.zeros((len(latent), len(vertices)), dtype=bool)
     inside[:, rows] = latent > 0.0
-    return np.array([_keep_about(surface.faces, one, about) for one in inside])
+    return np.array([_keep_about(faces, one, about) for one in inside])
 
 
 def _weigh_points(value: Array, variance: Array, height: float) -> Array:

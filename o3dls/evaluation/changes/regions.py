@@ -42,7 +42,7 @@ def stands_out(change: Array, errors: Array, compared: Mask) -> Mask:
 
 
 def find_regions(surface: Surface, change: Array, errors: Array, compared: Mask) -> list[ChangedRegion]:
-    """Find regions of change (n,), the largest first. Parameters as of `stands_out`.
+    """Find regions of change (n,), the largest first. Areas are of the surface; else as of `stands_out`.
 
     A region is what hangs together about a place that stands out, as far as the change is about a third of
     what it is there: errors of place and the way from point to point blur a border. What stands out on the
@@ -80,7 +80,7 @@ def redraw_regions(
         if (one.inside & taken).any():
             continue
         height = float(change[np.argmax(np.where(one.inside, np.abs(change), -1.0))])
-        drawn = draw_reach(surface, one.inside, compared & ~taken, seen, height, rng)
+        drawn = draw_reach(surface.faces, one.inside, compared & ~taken, seen, height, rng)
         areas = drawn @ surface.vertex_areas
         order = np.argsort(-drawn.mean(axis=0), kind="stable")
         inside = np.zeros_like(taken)

@@ -60,10 +60,11 @@ class ValueChange:
 
 
 def compare_values(
-    prior: Surface, maps: tuple[MapValues, MapValues], wall: Mask, *, ratio: bool, seed: int
+    prior: Surface, shown: Surface, maps: tuple[MapValues, MapValues], wall: Mask, *, ratio: bool, seed: int
 ) -> ValueChange:
     """Compare the values of two maps, which are logarithms where they are compared by their ratio, on the
-    wall (n,) that both have points on. Raises InputError where there is none.
+    wall (n,) that both have points on. shown: the prior as it lies in the map whose areas are meant. Raises
+    InputError where there is no such wall.
     """
     compared = wall & _find_known(prior, maps[0]) & _find_known(prior, maps[1])
     if not compared[prior.faces].all(axis=1).any():
@@ -72,10 +73,10 @@ def compare_values(
     rng = np.random.default_rng((seed, 3))
     mean, covariance = joint.posterior()
     errors = joint.errors_without_change(DRAWS, rng)
-    overall, usual, regions = _part_overall(prior, mean[1], errors, compared)
+    overall, usual, regions = _part_overall(shown, mean[1], errors, compared)
     mean += np.array([[joint.middle], [-overall]])
     errors -= usual[:, None]
-    regions = redraw_regions(prior, regions, mean[1], errors, compared, joint.differences(overall))
+    regions = redraw_regions(shown, regions, mean[1], errors, compared, joint.differences(overall))
     everywhere = overall + usual.std() * np.array([0.0, -1.0, 1.0]) * ndtri((1.0 + LEVEL) / 2.0)
     rows = _in_unit(mean, covariance, ratio, rng)
     before, after, change, low, high = (np.where(compared, one, np.nan) for one in rows)
@@ -84,17 +85,17 @@ def compare_values(
 
 
 def _part_overall(
-    prior: Surface, differs: Array, errors: Array, compared: Mask
+    shown: Surface, differs: Array, errors: Array, compared: Mask
 ) -> tuple[float, Array, list[ChangedRegion]]:
     """Part by how much the second map differs (n,), with its errors (k, n), into what does everywhere, with
     its errors (k,), and the regions that changed: the median of the wall, then of the wall beside them.
     """
     beside = compared
     for last in (False, True):
-        area = prior.vertex_areas * beside
+        area = shown.vertex_areas * beside
         overall = _find_median(differs, area)
         usual = np.array([_find_median(one, area) for one in errors])
-        regions = find_regions(prior, differs - overall, errors - usual[:, None], compared)
+        regions = find_regions(shown, differs - overall, errors - usual[:, None], compared)
         beside = compared & ~np.any([np.zeros_like(compared), *(one.inside for one in regions)], axis=0)
         if last or not regions or not beside.any():
             break

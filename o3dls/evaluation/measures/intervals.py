@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from ...arrays import Array
 from ...motion.wall.samples import SurfaceSamples
+from ...parallel import by_rows
 from .numbers import Parts, Quantity, measure_surface, measure_surfaces, slopes
 
 LEVEL = 0.95
@@ -79,13 +81,20 @@ def _move_values(samples: SurfaceSamples, values: Array | None) -> Array | None:
     """Return the values (k, n) of the map where the samples have the vertices."""
     if values is None:
         return None
-    return values + _shifts_along(samples, slopes(samples.surface, values))
+    surface, found = samples.surface, np.empty(samples.exists.shape)
+    rows = found, samples.vertices
+    by_rows(_fill_moved, 1, rows, surface.vertices, slopes(surface, values), values)
+    return found
 
 
-def _shifts_along(samples: SurfaceSamples, slope: Array) -> Array:
-    """Return by how much (k, n) a field of a slope (n, 3) differs where the samples have the vertices."""
-    moved = np.einsum("knd,nd->kn", samples.vertices, slope)
-    return np.asarray(moved - (samples.surface.vertices * slope).sum(axis=1))
+@njit(cache=True, nogil=True)
+def _fill_moved(found, moved, vertices, slope, values):  # type: ignore[no-untyped-def]
+    """Fill in values (k, n) of a field of a slope (n, 3) at moved vertices (k, n, 3)."""
+    for k in range(len(found)):
+        for v in range(len(vertices)):
+            found[k, v] = values[v]
+            for a in range(3):
+                found[k, v] += (moved[k, v, a] - vertices[v, a]) * slope[v, a]
 
 
 def summarise(quantity: Quantity, naive: float, drawn: Array) -> Measure:

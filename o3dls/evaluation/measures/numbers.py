@@ -109,7 +109,8 @@ def _sum_areas(
         known = None if values is None else values[rows]
         volumes[rows], areas = measure_areas(vertices[rows], surface.faces, parts.thresholds, known)
         whole.append(areas @ inside.T)
-        present.append(whole[-1] if exists is None else (areas * exists[rows, None]) @ inside.T)
+        there = None if exists is None or exists[rows].all() else exists[rows, None]
+        present.append(whole[-1] if there is None else (areas * there) @ inside.T)
     return volumes, np.concatenate(whole).T, np.concatenate(present).T
 
 
@@ -130,19 +131,16 @@ def slopes(surface: Surface, values: Array) -> Array:
     """Return the gradient (n, 3) of values (n,) along the wall, by area the mean of the faces around each
     vertex whose values are known; 0 where there is none.
     """
-    corners, normals, areas = surface.vertices[surface.faces], surface.face_normals, surface.face_areas
-    at = values[surface.faces]
+    faces, areas, at = surface.faces, surface.face_areas, values[surface.faces]
+    corners = surface.vertices[faces]
     # of the linear function on a triangle: each corner's value times the opposite edge, turned by 90 degrees
     edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    gradient = np.cross(normals[:, None], edges)
-    pulled = (np.nan_to_num(at)[:, :, None] * gradient).sum(axis=1)
-    gradient = pulled / np.maximum(2.0 * areas, TINY)[:, None]
+    pulled = np.cross(surface.face_normals, np.einsum("mk,mkd->md", np.nan_to_num(at), edges))
     known = np.isfinite(at).all(axis=1) & (areas > 0.0)
-    total, weight = np.zeros((len(values), 3)), np.zeros(len(values))
-    for k in range(3):
-        np.add.at(total, surface.faces[known, k], areas[known, None] * gradient[known])
-        weight += np.bincount(surface.faces[known, k], areas[known], len(values))
-    return np.asarray(total / np.maximum(weight, TINY)[:, None])
+    weighed = np.where(known[:, None], 0.5 * pulled, 0.0)  # gradient times area
+    weight = np.bincount(faces.ravel(), np.repeat(areas * known, 3), len(values))
+    total = [np.bincount(faces.ravel(), np.repeat(weighed[:, axis], 3), len(values)) for axis in range(3)]
+    return np.asarray(np.column_stack(total) / np.maximum(weight, TINY)[:, None])
 
 
 def places_on(surface: Surface, named: Mapping[str, Array]) -> dict[str, tuple[int, Array]]:

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Ints, Mask
 from ...geometry.surface import Surface
-from ..wall_graph import keep_edges, measure_edges
+from ..wall_graph import keep_edges, measure_edges, sort_once
 
 NOWHERE = -9999  # SciPy's predecessor of a vertex that is not reached, and of the first
 
@@ -25,28 +25,28 @@ def shortest_ways(surface: Surface, wall: Mask, places: Mapping[str, int]) -> di
     """
     if len(places) < 2:
         return {}
-    graph = keep_edges(sparse.coo_array(measure_edges(surface) + _measure_across(surface)), wall)
+    edges = measure_edges(surface)
+    graph = keep_edges(sparse.coo_array(edges + _measure_across(surface, edges)), wall)
     _, before = dijkstra(graph, directed=False, indices=list(places.values()), return_predecessors=True)
     rows = {name: row for row, name in enumerate(places)}
     found = {(a, b): _trace_back(before[rows[a]], places[b]) for a, b in combinations(places, 2)}
     return {pair: way for pair, way in found.items() if way[0] == places[pair[0]]}
 
 
-def _measure_across(surface: Surface) -> sparse.coo_array:
+def _measure_across(surface: Surface, edges: sparse.coo_array) -> sparse.coo_array:
     """Return the distances of the two corners beside each edge that two faces share; 0 where these are
     neighbours.
     """
     n, faces = len(surface.vertices), surface.faces
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    corner = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
-    key = ends[:, 0] * n + ends[:, 1]
+    ends, corner = (np.roll(faces, -shift, axis=1).ravel() for shift in (1, 2))
+    key = np.minimum(faces.ravel(), ends) * n + np.maximum(faces.ravel(), ends)
     order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    same = np.flatnonzero(np.diff(key[order]) == 0)
     a, b = corner[order[same]], corner[order[same + 1]]
-    pairs = np.unique(np.minimum(a, b) * n + np.maximum(a, b))
-    edges = np.unique(key)
-    pairs = np.setdiff1d(pairs[pairs // n != pairs % n], edges)
-    a, b = pairs // n, pairs % n
+    pairs = sort_once(np.minimum(a, b) * n + np.maximum(a, b))
+    known = edges.coords[0] * n + edges.coords[1]
+    a, b = np.divmod(pairs[~np.isin(pairs, known)], n)
+    a, b = a[a != b], b[a != b]
     length = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     return sparse.coo_array((length, (a, b)), shape=(n, n))
 

@@ -24,6 +24,8 @@ DEEP = 6.0  # mm out of the chamber, or half of what the tube reaches: what lies
 NECK = 8.0  # mm along the wall from there: wall farther off that lies shallow is a bulge of the chamber
 RING = 3.0  # mm beyond the mouth: the ring of vertices that tells where the mouth is
 SMOOTHING = 3  # passes of averages over neighbours, as depths are those of a sample
+# of its length: what a cut costs at most along the crease where two tubes touch; across a tube it is half
+CREASED = 1.0 / 3.0
 APART = 10.0  # mm between the middles of two mouths of one tube, where two tubes touch each other
 
 
@@ -93,7 +95,8 @@ def _watershed(edges: sparse.coo_array, depth: Array) -> Ints:
 
 def _split_mouths(surface: Surface, edges: sparse.coo_array, depth: Array, inside: Mask) -> list[Mask]:
     """Return the parts of a tube that belong to each of its mouths: two where the tips of two tubes touch
-    each other, else one.
+    each other, else one. Where they touch the wall is creased; a tube whose own tip touches the chamber has
+    two mouths as well, and no crease.
     """
     ring = inside & (depth < MOUTH + RING)
     piece = label_pieces(edges, ring)
@@ -101,8 +104,8 @@ def _split_mouths(surface: Surface, edges: sparse.coo_array, depth: Array, insid
     middles = np.array([surface.vertices[piece == k].mean(axis=0) for k in large])
     if len(large) != 2 or np.linalg.norm(middles[0] - middles[1]) < APART:
         return [inside]
-    first = cut_apart(surface, inside, piece == large[0], piece == large[1])
-    return [first, inside & ~first]
+    first, cost = cut_apart(surface, inside, piece == large[0], piece == large[1])
+    return [first, inside & ~first] if cost < CREASED else [inside]
 
 
 def _make_tube(surface: Surface, depth: Array, inside: Mask) -> Tube:

@@ -19,12 +19,13 @@ from ...evaluation.regions import REGIONS, word
 from ...geometry.cut_wall import CUT
 from ...geometry.surface import Surface
 from ...quantities import VOLTAGES
+from ..mapping.activation import SPEED, TIME, TIME_SD
 from ..subject import Subject
 from ..surfaces.beliefs import BELIEVED, beliefs
 from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 from .colour_maps import LOW_ENDS, colour_table
 
-STEPS = {"lat": 10.0}  # ms between isochrones
+STEPS = {"lat": 10.0, TIME: 10.0}  # ms between isochrones
 LEAST = {"mm": 2.0}  # end of a scale: what is smaller matters little
 ROUNDING = 1e-9
 
@@ -74,13 +75,21 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
         Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
         Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
     ]
+    wave = [
+        Field(TIME, "activation time", "ms", "mapping", step=STEPS[TIME]),
+        Field(TIME_SD, "sd of the activation time", "ms", "deviation"),
+        Field(SPEED, "conduction speed", "m/s", "electrical"),
+    ]
     region = Field("region", "region of the wall", "", "regions")
     there = dict.fromkeys(
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
     )
-    named = {field.key for field in [*words, region]} | {"prior_only", CUT}  # hatched, whatever the colours
+    named = {field.key for field in [*words, *wave, region]} | {
+        "prior_only",
+        CUT,
+    }  # hatched, whatever the colours
     others = [_other_field(key) for key in there if key not in named]
-    return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
+    return [_fit_range(field, surfaces) for field in [*words, *wave, *others, region] if field.key in there]
 
 
 def shown_fields(subject: Subject) -> list[Field]:

@@ -31,7 +31,7 @@ def plain(colour: tuple[float, float, float]) -> Paint:
 
 def paint_field(surface: Surface, field: Field, remoteness: Array | None = None) -> Paint:
     """Paint a wall in the colours of a field, grey where it has no value, and hatched where no point is near,
-    by the distance (n,) to the nearest in mm.
+    by the distance (n,) to the nearest in mm. A field with steps has one colour from line to line.
 
     A field of regions has in each pixel the colour of the region with the largest share there.
     """
@@ -44,6 +44,8 @@ def paint_field(surface: Surface, field: Field, remoteness: Array | None = None)
 
     def paint(pixels: Pixels) -> Array:
         seen = pixels.read(shade) if classes is None else pixels.read(classes).argmax(axis=1)
+        if field.step:
+            seen = field.step * (np.floor(seen / field.step) + 0.5)
         bare = pixels.read(known) < 0.5
         colours = colours_of(np.where(bare, np.nan, seen), field)
         lined = pixels.striped & (pixels.read(far) > REACH)

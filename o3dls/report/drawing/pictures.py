@@ -17,7 +17,7 @@ from ..mapping.views import orientation
 from ..markup import Html, tag
 from ..page_parts import image
 from ..subject import Subject
-from .caption import caption, colour_bar, view_name
+from .caption import caption, colour_bar, made, view_name
 from .fields import Field, colours_of, known_fields, point_field, shown_fields
 from .painting import paint_field
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 PIXELS = (640, 500)  # width and height of one picture
 MARGIN = 1.12
+PART = (448, 350)  # of each of many pictures of one wall
 THUMBNAIL = (160, 124)  # width and height of the picture of a run in a table of many
 QUALITY = 60  # of 100: 3 kB a thumbnail
 COMPRESSION = 3  # of 9: more takes half of a picture's time for a tenth of its size
@@ -66,6 +67,30 @@ def static_pictures(subject: Subject) -> Html:
         tag("p", f"{caption(subject)}. View by the {orientation(subject).known_by}.", class_="soft"),
         class_="static",
     )
+
+
+def wall_pictures(subject: Subject, surface: Surface, fields: Sequence[Field]) -> Html:
+    """Place pictures of a surface in the map into the page, in the colours of each field from the front and
+    from behind, with the scale of these.
+    """
+    rows = list[Html]()
+    for field in fields:
+        drawn = [_draw_wall(subject, surface, field, behind=behind) for behind in (False, True)]
+        rows.append(tag("div", *drawn, class_="row"))
+        rows.append(colour_bar(field, [surface.fields[field.key]]))
+    return tag(
+        "div", *rows, tag("p", f"{subject.case.name} · {made(subject)}.", class_="soft"), class_="static"
+    )
+
+
+def _draw_wall(subject: Subject, surface: Surface, field: Field, *, behind: bool) -> Html:
+    from .raster import Canvas
+
+    view = _fitting_view([surface], orientation(subject).looking(behind=behind))
+    canvas = Canvas(view, *PART, (1, 1, 1))
+    canvas.surface(surface, paint_field(surface, field))
+    said = f"{field.label}, {view_name(subject, behind=behind)}"
+    return image(_png_of(canvas.pixels()), f"{subject.last.name}: {said}", tag("figcaption", said))
 
 
 def thumbnail(subject: Subject) -> bytes:

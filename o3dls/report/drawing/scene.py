@@ -13,6 +13,7 @@ from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..grading.doubts import Doubt
+from ..mapping.activation import TIME, with_activation
 from ..mapping.advice import shown_advice
 from ..mapping.views import orientation
 from ..mapping.wall_regions import with_regions
@@ -34,7 +35,7 @@ GHOST_STYLES: dict[str, Json] = {
 
 def scene(subject: Subject, doubts: Sequence[Doubt] = ()) -> Json:
     """Collect everything that the viewer draws, JSON-ready; doubts: the parts that get a label."""
-    surfaces = with_regions(subject, all_surfaces(subject))
+    surfaces = with_activation(subject, with_regions(subject, all_surfaces(subject)))
     fields = all_fields(subject, surfaces)
     ghosts = _ghost_surfaces(subject)
     shown = [surfaces[name] for name in subject.shown]
@@ -107,13 +108,16 @@ def _pack_points(subject: Subject, low: Array, size: Array) -> Json:
     points = subject.last.drawn_points
     limits = point_field(subject)
     names = list(dict.fromkeys(points.type.tolist()))
+    values = {key: packed(points.columns[key]) for key in measured_values(points)}
+    if "lat" in values:
+        values[TIME] = values["lat"]  # so that points stand out where the map of times does not follow them
     kinds = np.array([names.index(kind) for kind in points.type], dtype=np.uint8)
     return {
         "names": names,
         "kinds": coded(kinds),
         "positions": grid(points.xyz, low, size),
         "range": [limits.low, limits.high],
-        "values": {key: packed(points.columns[key]) for key in measured_values(points)},
+        "values": values,
         "rows": coded(np.flatnonzero(subject.last.run.points.type != "landmark").astype(np.uint32)),
         "ids": [_write_id(one) for one in points.columns.get("id", np.zeros(0)).tolist()],
     }

@@ -1,12 +1,16 @@
-"""What `o3dls activation` computes of a finished run: when the wave comes by, how fast, and which way."""
+"""What `o3dls activation` and the report compute of a finished run: when the wave comes by, how fast, and
+which way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...arrays import Array, Mask
 from ...errors import InputError
@@ -18,7 +22,7 @@ from ...evaluation.measures.intervals import LEVEL
 from ...evaluation.measures.numbers import CM2, named_parts, slopes
 from ...evaluation.regions import REGIONS, valve_of, word
 from ...geometry.surface import Surface
-from ..subject import read_subject
+from ..subject import Subject, read_subject
 from .row_table import interval_of
 from .wall_regions import landmarks_in_map, wall_regions
 
@@ -26,6 +30,8 @@ SAMPLES, SEED = 200, 0
 LEAST_SHARE = 0.02  # of the mapped wall: of less a region says nothing
 FULL_CYCLE = 0.85  # of the times' range: so far apart are neighbours where early meets late
 NEAR = 10.0  # mm, neighbours
+TIME, TIME_SD, SPEED = "activation", "activation_sd", "conduction_speed"  # fields as the report shows them
+SHOWN = {TIME: "lat", TIME_SD: "lat_sd", SPEED: "speed"}  # and as they are here
 
 
 @dataclass(frozen=True)
@@ -64,24 +70,49 @@ def activation_of(
 
     Raises InputError where the run is in 2D or pixels, has no posterior in space, or its points no times.
     """
-    subject = read_subject([folder])
+    if cycle is not None and cycle <= 0.0:
+        raise InputError(f"cycle = {cycle:g} ms: must be more than 0")
+    try:
+        return _map_subject(read_subject([folder]), cycle, samples, seed)
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from error
+
+
+@lru_cache(maxsize=1)  # the pictures and the section below them show the same map
+def shown_activation(subject: Subject) -> Activation | None:
+    """Map the activation of a subject for its report; None where that cannot be done, as in `activation_of`,
+    or too few of its points have a time.
+    """
+    try:
+        return _map_subject(subject, None, SAMPLES, SEED)
+    except InputError:
+        return None
+
+
+def with_activation(subject: Subject, surfaces: Mapping[str, Surface]) -> dict[str, Surface]:
+    """Return surfaces by the names of their estimates, the last with its activation as fields, where there is
+    one.
+    """
+    if (found := shown_activation(subject)) is None:
+        return dict(surfaces)
+    last = surfaces[subject.last.name]
+    near = cKDTree(found.surface.vertices).query(last.vertices)[1]  # it may have fewer faces
+    fields = {name: found.surface.fields[own][near] for name, own in SHOWN.items()}
+    return {**surfaces, subject.last.name: replace(last, fields={**last.fields, **fields})}
+
+
+def _map_subject(subject: Subject, cycle: float | None, samples: int, seed: int) -> Activation:
+    """Map the activation of the last surface of a subject; as `activation_of`."""
     if subject.case.dimension == 2 or subject.unit != "mm":
-        raise InputError(
-            f"{folder}: is in {subject.case.dimension}D and {subject.unit}: must be in 3D and mm"
-        )
+        raise InputError(f"is in {subject.case.dimension}D and {subject.unit}: must be in 3D and mm")
     estimate = subject.last.estimate
     found = measured_values(estimate.corrected(subject.case).points, ["lat"])
     if "lat" not in found:
-        raise InputError(f"{folder}: its points have no column 'lat': must have activation times in ms")
-    if cycle is not None and cycle <= 0.0:
-        raise InputError(f"cycle = {cycle:g} ms: must be more than 0")
+        raise InputError("its points have no column 'lat': must have activation times in ms")
     surface, (xyz, times) = estimate.surface, found["lat"]
     wall = ~valve_of(surface, landmarks_in_map(subject))
     errors = estimate.samples(samples, seed).vertices - surface.vertices
-    try:
-        activation = map_activation(surface, xyz, times, wall=wall, errors=errors, cycle=cycle)
-    except InputError as error:
-        raise InputError(f"{folder}: {error}") from error
+    activation = map_activation(surface, xyz, times, wall=wall, errors=errors, cycle=cycle)
     names = {k: word(k) for k in range(len(REGIONS))}
     regions = named_parts(wall_regions(subject, surface), names, wall)
     rows = _list_rows(activation, regions, to_surface(xyz, times, surface), samples, seed)

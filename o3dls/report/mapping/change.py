@@ -70,7 +70,7 @@ def change_of(
     first, second = (
         _values_in(prior, side, points, ratio) for side, points in zip((before, after), found, strict=True)
     )
-    values = compare_values(prior, (first, second), wall, ratio=ratio, seed=seed)
+    values = compare_values(prior, surface, (first, second), wall, ratio=ratio, seed=seed)
     shape = None
     if apart is None:
         errors = (before.errors, after.errors)

@@ -19,7 +19,7 @@ from .certainty import calibration_section, pose_section
 from .contribution import contribution_section
 from .course import course_section
 from .cross_sections import slice_section
-from .electrical import electrical_section
+from .electrical import activation_section, electrical_section
 from .methods import methods_section
 from .outcome import outcome_section
 from .outlines import outline_section
@@ -67,6 +67,7 @@ SECTIONS: tuple[Maker, ...] = (
     pose_section,
     calibration_section,
     electrical_section,
+    activation_section,
     measured_section,
     validity_section,
     course_section,
