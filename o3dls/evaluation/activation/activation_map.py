@@ -133,11 +133,12 @@ def _allow_for_place(
     """
     corners, weights = at
     frames = posterior.harmonics.frames[corners]
-    slope, covariance = posterior.slopes()
-    steep = (base_slope + slope)[corners]
+    vertices, of = np.unique(corners, return_inverse=True)
+    slope, covariance = (found[of.reshape(corners.shape)] for found in posterior.slopes(vertices))
+    steep = base_slope[corners] + slope
     missed = np.einsum("kc,kca,kcad,skd->sk", weights, steep, frames, shift)
     square = np.einsum("ski,skj->kij", shift, shift) / len(shift)
-    unsure = np.einsum("kc,kcab,kcai,kcbj,kij->k", weights, covariance[corners], frames, frames, square)
+    unsure = np.einsum("kc,kcab,kcai,kcbj,kij->k", weights, covariance, frames, frames, square)
     return replace(posterior, misplaced=missed.T @ missed / len(missed) + np.diag(unsure))
 
 

@@ -15,10 +15,12 @@ from scipy.sparse.linalg import splu
 from ...arrays import TINY, Array, Ints, Mask
 from ...geometry.spread import spread
 from ...geometry.surface import Surface
+from ...parallel import each
 
 COUNT = 500  # on an atrium the shortest are 9 mm long
 LEAST_COTANGENT = 1e-3  # slivers make weights of any sign
 MORE, BUMP, PASSES = 1.2, 0.7, 3  # bumps a harmonic; their width over how far they are apart; smoothings
+PARTS = 8  # of the bumps, which are smoothed side by side
 SMOOTHNESS = 1.5  # of Matern's process: its paths have a slope
 
 
@@ -66,12 +68,13 @@ class Harmonics:
         first /= np.maximum(np.linalg.norm(first, axis=1), TINY)[:, None]
         return np.stack([first, np.cross(normals, first)], axis=1)
 
-    def slopes(self, values: Array) -> Array:
-        """Return the slope (2, n, ...) in the frames of values (n, ...) at the vertices: by area the mean of
-        the faces of the wall about each.
+    def slopes(self, values: Array, at: Ints | None = None) -> Array:
+        """Return the slope (2, k, ...) in the frames of values (n, ...) at vertices (k,), or at all: by area
+        the mean of the faces of the wall about each.
         """
-        found = self._slope @ values.reshape(len(values), -1)
-        return np.asarray(found.reshape(2, *values.shape))
+        rows = self._slope if at is None else self._slope[np.concatenate([at, at + len(self.wall)])]
+        found = rows @ values.reshape(len(values), -1)
+        return np.asarray(found.reshape(2, -1, *values.shape[1:]))
 
     @cached_property
     def _slope(self) -> sparse.csr_array:
@@ -102,11 +105,11 @@ def _solve_smoothest(
     bumps: Array = np.zeros((len(places), len(nodes)))
     bumps[nodes, np.arange(len(nodes))] = 1.0
     for _ in range(PASSES):
-        bumps = smooth.solve(mass[:, None] * bumps)
-    root = np.sqrt(mass)[:, None]
-    basis = np.linalg.qr(root * bumps)[0] / root
-    value, vector = eigh(basis.T @ (stiffness @ basis), subset_by_index=(0, count - 1))
-    return value, basis @ vector
+        bumps = np.hstack(each(smooth.solve, np.array_split(mass[:, None] * bumps, PARTS, axis=1)))
+    # the condition of the Gram matrix is 1e6 on an atrium: the bumps need not be made orthogonal first
+    stiff, gram = bumps.T @ (stiffness @ bumps), bumps.T @ (mass[:, None] * bumps)
+    value, vector = eigh(stiff, gram, subset_by_index=(0, count - 1))
+    return value, bumps @ vector
 
 
 def _stiffness(vertices: Array, faces: Ints) -> sparse.csr_array:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from .features import Features
 from .harmonics import Harmonics
 from .learning import UNKNOWN, Process
@@ -42,15 +42,15 @@ class TimePosterior:
         prior += process.rough(asked) ** 2 * (asked.rough**2).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(prior - (self._whiten(self._cross.T) ** 2).sum(axis=0), 0.0)))
 
-    def slopes(self) -> tuple[Array, Array]:
-        """Return the mean (n, 2) of the slope at the vertices along the frames of the harmonics, in ms per
-        mm, and its covariance (n, 2, 2).
+    def slopes(self, at: Ints | None = None) -> tuple[Array, Array]:
+        """Return the mean (k, 2) of the slope at vertices (k,), or at all, along the frames of the harmonics,
+        in ms per mm, and its covariance (k, 2, 2).
         """
         process, harmonics = self.process, self.harmonics
-        cross = harmonics.slopes(self._cross)
+        cross = harmonics.slopes(self._cross, at)
         white = np.stack([self._whiten(one.T) for one in cross])
-        smooth = process.smooth * harmonics.slopes(self.asked.smooth)
-        rough = harmonics.slopes(process.rough(self.asked)[:, None] * self.asked.rough)
+        smooth = process.smooth * harmonics.slopes(self.asked.smooth, at)
+        rough = harmonics.slopes(process.rough(self.asked)[:, None] * self.asked.rough, at)
         covariance = np.einsum("anm,bnm->nab", smooth, smooth) + np.einsum("anm,bnm->nab", rough, rough)
         covariance -= np.einsum("akn,bkn->nab", white, white)
         return (cross @ self._answer).T, covariance + LEAST * np.eye(2)
