@@ -46,4 +46,7 @@ class DriftSettings:
     doubted: float = number(
         0.1, "1", "share of the variance of that detail that may be errors where the order is lost"
     )
+    tune_at: int = number(
+        4, "", "round in which noise is told anew, as the first wall follows errors that go together"
+    )
     rounds: int = number(25, "", "most rounds of the fit once errors go together: most take 8 to 20")

@@ -38,7 +38,8 @@ def first_scales(problem: MotionProblem) -> Scales:
 
 def tune_scales(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
     """Tune amplitudes and noise levels to maximise the evidence, with priors by the current noise."""
-    usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
+    errors = float(np.hypot(scales.noises[0], np.linalg.norm(scales.drift_sds)))
+    usual = expected_scales(problem, errors / problem.residual_sd)
     s = problem.settings.covariance
     if problem.residual_sd < s.most_residuals * problem.size:
         # another heart's prior leaves large residuals, which are no sign of much noise

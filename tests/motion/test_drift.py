@@ -84,6 +84,19 @@ def test_errors_in_common_are_found_and_the_deviation_holds() -> None:
     assert np.mean(errors, axis=0)[1] < 0.9 * np.mean(errors, axis=0)[0]
 
 
+def test_noise_is_told_anew_by_the_wall_that_does_not_follow_the_errors() -> None:
+    surface, _, points, _ = mapped(seed=5_200)
+    first = fitted(surface, points)
+    settings = first.problem.settings
+    never = replace(settings, drift=replace(settings.drift, tune_at=settings.drift.rounds))
+    before = fit_with_drift(replace(first, problem=replace(first.problem, settings=never)))
+    after = fit_with_drift(first)
+    assert before is not None
+    assert after is not None
+    true = np.hypot(OWN, SHARED)
+    assert before.sigma / true < 0.94 < after.sigma / true < 1.06
+
+
 @pytest.mark.parametrize("seed", [5_300, 5_400, 5_500])
 def test_independent_errors_keep_their_fit(seed: int) -> None:
     surface, _, points, _ = mapped(shared=0.0, seed=seed)
