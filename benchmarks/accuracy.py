@@ -65,7 +65,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -122,10 +122,12 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
             yield name, estimate, sum(estimates[one].seconds for one in pipeline.chain(name))
 
 
-def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:
-    """Results of the other methods, as tuned for the group; where it was not tuned they are left out."""
+def peers(
+    case: Any, group: str, names: Collection[str], icp: Any, icp_seconds: float
+) -> Iterator[tuple[str, Any, float]]:
+    """Results of these other methods, as tuned for the group; where it was not tuned they are left out."""
     settings = tuned().get(tuned_as(group), {})
-    for name in applicable(case):
+    for name in (one for one in applicable(case) if one in names):
         if name not in settings:
             print(
                 f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.peers tune), left out",
@@ -146,16 +148,18 @@ def run(
     phantom: Path | None,
     plan: Path | None,
     *,
-    ours_alone: bool,
+    others: Collection[str],
     prior_of: str | None = None,
 ) -> list[Record]:
-    """Records of every method on one case, which says whose anatomy its prior is unless `prior_of` does."""
+    """Records of our methods and these others on one case, which says whose anatomy its prior is unless
+    `prior_of` does.
+    """
     case = listed.read()
     case = replace(case, **{"prior_of": prior_of}) if prior_of else case
     results = list(ours(case, plan))
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
-    if not ours_alone:
-        results += list(peers(case, listed.group, icp, seconds))
+    if others:
+        results += list(peers(case, listed.group, others, icp, seconds))
     records = [{"method": name, "seconds": took, **record(case, found)} for name, found, took in results]
     for one, (name, found, _) in zip(records, results, strict=True):
         one |= topology_scores(listed.group, case, found.surface) if name == "level_set" else {}
@@ -346,7 +350,9 @@ def _parse_arguments() -> argparse.Namespace:
     parser.add_argument("folders", nargs="*", type=Path, help="case folders, or folders of them")
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
-    parser.add_argument("--ours", action="store_true", help="leave the other methods out")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--ours", action="store_true", help="leave the other methods out")
+    which.add_argument("--peers", nargs="+", choices=PEERS, default=list(PEERS), help="only these of them")
     parser.add_argument("--prior-of", choices=("patient", "template"), help="in place of what the cases say")
     parser.add_argument(
         "--records",
@@ -384,7 +390,7 @@ def _run_cases(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
         run,
         phantom=arguments.phantom,
         plan=arguments.pipeline,
-        ours_alone=arguments.ours,
+        others=() if arguments.ours else arguments.peers,
         prior_of=arguments.prior_of,
     )
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]

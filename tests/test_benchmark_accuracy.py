@@ -1,4 +1,6 @@
-"""The benchmark of accuracy tells handles that points show from those that they do not."""
+"""The benchmark of accuracy tells handles that points show from those that they do not, and runs the other
+methods that are asked for.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,10 @@ import pytest
 from shapes import meshed, sampled, torus_distance
 from tiny import ball_case
 
+from benchmarks import accuracy
 from benchmarks.accuracy import HANDLES, count_handles, count_shown, topology_scores, topology_table
 from o3dls.case import Points, Truth
+from o3dls.estimate import Estimate
 
 SEED = 51_907
 NOISE = 0.6
@@ -47,3 +51,14 @@ def test_handles_are_counted_where_prior_and_truth_differ_and_the_noise_is_known
     assert topology_scores("cross_30_1_even", case, TORUS) == dict(zip(HANDLES, (0, 1, 0, 1), strict=True))
     assert topology_scores("la", case, TORUS) == {}
     assert topology_scores("cross_30_1_even", replace(case, prior=TORUS), TORUS) == {}
+
+
+def test_only_the_other_methods_that_are_asked_for_are_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = ball_case()
+    methods = {name: lambda case, pose: case.prior.transformed(pose) for name in ("one", "two", "three")}
+    monkeypatch.setattr(accuracy, "PEERS", methods)
+    monkeypatch.setattr(accuracy, "applicable", lambda _: list(methods))
+    monkeypatch.setattr(accuracy, "tuned", lambda: {"g": {n: {"parameters": {}} for n in ("one", "two")}})
+    start = Estimate(case.prior, np.eye(4), "")
+    found = [name for name, *_ in accuracy.peers(case, "g", ("two", "three"), start, 1.0)]
+    assert found == ["two"]  # three is not tuned
