@@ -19,7 +19,8 @@ measured: its volume, the areas of the eight octants about its middle, and the s
 of their own. The true section is spanned by the places of the true wall that are nearest to its border, so
 that a section that lies farther along its tube does not count.
 
-Below: the processor's seconds that a case takes, from the motion to the intervals of 200 samples.
+Below: the seconds that a case takes by the clock, and those of the processor's cores together, from the
+motion to the intervals of 200 samples.
 
     python -m benchmarks.cases families cases --data ../shared/data --judging
     python -m benchmarks.measures cases
@@ -32,7 +33,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from time import process_time
+from time import perf_counter, process_time
 
 import numpy as np
 from scipy import sparse
@@ -97,14 +98,14 @@ class Judged:
 
 
 @one_blas_thread()
-def judge_case(case: Case, estimate: Estimate, judged: dict[str, Judged]) -> float:
+def judge_case(case: Case, estimate: Estimate, judged: dict[str, Judged]) -> tuple[float, float]:
     """Measure an estimate that has the vertices of the prior, and the true wall, take that in, and return the
-    processor's seconds that our numbers take.
+    seconds that our numbers take, by the clock and of the processor.
     """
     assert case.truth is not None
     assert case.truth.surface is not None
     surface, truth = estimate.surface, case.truth.surface
-    begin = process_time()
+    begin, used = perf_counter(), process_time()
     parts = parts_of(case.prior, surface)
     # the field's own median on the surface, so that about half of the wall lies below
     values = wave(surface.vertices)
@@ -112,7 +113,7 @@ def judge_case(case: Case, estimate: Estimate, judged: dict[str, Judged]) -> flo
     samples = estimate.samples(SAMPLES, SEED)
     naive = measure_surface(surface, parts, None, values)
     drawn = draw_numbers(samples, parts, naive, values)
-    taken = process_time() - begin
+    taken = perf_counter() - begin, process_time() - used
     plain = sample_numbers(samples, parts, values)
     true = measure_surface(truth, parts, None, wave(truth.vertices))
     for quantity, numbers in drawn.items():
@@ -211,9 +212,9 @@ def table(judged: dict[str, Judged]) -> str:
     return lay_out([head, *(one.cells(kind) for kind, one in judged.items())])
 
 
-def measure_cases(folders: Iterable[Path]) -> tuple[dict[str, Judged], list[float]]:
-    """Judge all cases in folders; also the processor's seconds of each."""
-    judged, seconds = dict[str, Judged](), list[float]()
+def measure_cases(folders: Iterable[Path]) -> tuple[dict[str, Judged], list[tuple[float, float]]]:
+    """Judge all cases in folders; also the seconds of each, by the clock and of the processor."""
+    judged, seconds = dict[str, Judged](), list[tuple[float, float]]()
     for listed in find(folders):
         case = listed.read()
         truth = case.truth and case.truth.surface
@@ -236,7 +237,9 @@ def main() -> None:
     judged, seconds = measure_cases(parser.parse_args().folders)
     print(table(judged))
     if seconds:
-        print(f"\nseconds: {np.median(seconds):.2f} in the median, {max(seconds):.2f} at most")
+        print()
+    for of, taken in zip(("by the clock", "of the processor"), zip(*seconds, strict=True), strict=False):
+        print(f"seconds {of}: {np.median(taken):.2f} in the median, {max(taken):.2f} at most")
 
 
 if __name__ == "__main__":

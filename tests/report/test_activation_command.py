@@ -123,7 +123,7 @@ def test_the_report_shows_times_with_their_sd_and_speed_where_it_is_told(runs: t
     for cell, what, digits in ((3, "activation time", 0), (5, "speed, median", 2)):
         row = rows["wall", what]
         interval = f"({row.low:.{digits}f} to {row.high:.{digits}f})"
-        assert cells[cell] == f"{row.value:.{digits}f} {interval}"
+        assert cells[cell].replace("\N{NO-BREAK SPACE}", " ") == f"{row.value:.{digits}f} {interval}"
     share = rows["wall", "area with a velocity"].value / rows["wall", "area mapped"].value
     assert float(cells[4]) == pytest.approx(100.0 * share, abs=0.5)
 

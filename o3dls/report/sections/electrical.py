@@ -25,6 +25,7 @@ from ..subject import Subject
 from ..surfaces.electrical import with_electrical
 
 BINS, MOST_SHOWN = 24, 99.0  # bins of the histogram, and the percentile of the values where it ends
+NO_BREAK = "\N{NO-BREAK SPACE}"
 TIMES = ("earliest", "latest", "activation time")
 WAVE_HEAD: tuple[Child, ...] = (
     "part of the wall",
@@ -169,4 +170,5 @@ def _tabulate_wave(name: str, found: Activation) -> Html:
 def _write_row(row: Row | None, digits: int) -> str:
     if row is None or not np.isfinite(row.value):
         return "–"
-    return f"{row.value:.{digits}f} ({row.low:.{digits}f} to {row.high:.{digits}f})"
+    interval = f"({row.low:.{digits}f} to {row.high:.{digits}f})".replace(" ", NO_BREAK)
+    return f"{row.value:.{digits}f} {interval}"
