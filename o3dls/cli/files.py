@@ -22,11 +22,14 @@ from .words import FILE, FOLDER, complain, say, say_lines
     help="estimate to show; may be repeated; default: the ICP and the last",
 )
 @click.option("--pdf", is_flag=True, help="also a one-page PDF for slides, and its pictures in figures/")
-def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], pdf: bool) -> None:
+@click.option("--activation", is_flag=True, help="also activation times and speeds; takes some seconds")
+def report(
+    runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], pdf: bool, activation: bool
+) -> None:
     """Write the report on a finished run, or on several runs of one case."""
     from ..report.writer import write_report
 
-    say(write_report(runs, out, compare=compare, pdf=pdf))
+    say(write_report(runs, out, compare=compare, pdf=pdf, activation=activation))
 
 
 @click.command()

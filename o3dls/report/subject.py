@@ -105,12 +105,13 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A subject has results in order, the names to show side by side, and the case that all runs share."""
+    """A subject has results in order, the names to show, their case, and whether to map activation."""
 
     results: Mapping[str, Result]
     shown: Sequence[str]
     runs: Sequence[Run]
     folders: Sequence[Path]
+    activation: bool = False
 
     @property
     def case(self) -> Case:

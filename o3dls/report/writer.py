@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -33,6 +34,11 @@ class Report(Writer):
         default=False, description="also write report.pdf, one page for slides, and figures/*.png"
     )
 
+    activation: bool = Field(
+        default=False,
+        description="also map activation times and speeds, of points with a column lat; takes some seconds",
+    )
+
     @property
     def refers_to(self) -> tuple[str, ...]:
         return self.compare
@@ -47,7 +53,8 @@ class Report(Writer):
         from .subject import read_subject
         from .surfaces.given import with_given
 
-        _write_page(read_subject([folder], self.compare, [with_given(run)]), folder / REPORT, pdf=self.pdf)
+        subject = read_subject([folder], self.compare, [with_given(run)])
+        _write_page(replace(subject, activation=self.activation), folder / REPORT, pdf=self.pdf)
 
 
 def write_report(
@@ -56,14 +63,15 @@ def write_report(
     *,
     compare: Sequence[str] = (),
     pdf: bool = False,
+    activation: bool = False,
 ) -> Path:
     """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first
     folder.
 
     `compare` names the estimates to show side by side; `pdf` adds a one-page PDF and pictures beside the
     page, those of report.html in figures/ and of NAME.html in NAME_figures/, since several reports may stand
-    in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
-    page.
+    in one folder; `activation` adds the maps of `o3dls activation`. Raises InputError where a folder is no
+    run, the cases differ, or `out` is no name for a page.
     """
     from ..runs.folder import read_run
     from .subject import read_subject
@@ -71,7 +79,8 @@ def write_report(
 
     paths = [Path(folder) for folder in folders]
     subject = read_subject(paths, compare, [with_given(read_run(path)) for path in paths])
-    return _write_page(subject, _check_page_path(out or subject.folders[0] / REPORT), pdf=pdf)
+    path = _check_page_path(out or subject.folders[0] / REPORT)
+    return _write_page(replace(subject, activation=activation), path, pdf=pdf)
 
 
 def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:

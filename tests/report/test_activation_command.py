@@ -112,7 +112,7 @@ def test_runs_without_an_activation_are_refused(runs: tuple[Path, Path], tmp_pat
 
 
 def test_the_report_shows_times_with_their_sd_and_speed_where_it_is_told(runs: tuple[Path, Path]) -> None:
-    subject = read_subject([runs[0]])
+    subject = replace(read_subject([runs[0]]), activation=True)
     found = shown_activation(subject)
     assert found is not None
     section = activation_section(subject)
@@ -139,14 +139,23 @@ def test_the_report_shows_times_with_their_sd_and_speed_where_it_is_told(runs: t
 
 
 def test_the_report_says_where_early_wall_lies_beside_late_wall(runs: tuple[Path, Path]) -> None:
-    section = activation_section(read_subject([runs[1]]))
+    section = activation_section(replace(read_subject([runs[1]]), activation=True))
     assert section is not None
     assert "give its cycle length" in section.body
 
 
 def test_a_report_without_times_has_no_activation(tmp_path: Path) -> None:
-    assert activation_section(read_subject([finished(tmp_path / "plain")])) is None
-    assert activation_section(read_subject([finished_2d(tmp_path / "flat")])) is None
+    for folder in (finished(tmp_path / "plain"), finished_2d(tmp_path / "flat")):
+        assert activation_section(replace(read_subject([folder]), activation=True)) is None
+
+
+def test_a_report_has_an_activation_where_it_is_asked_for(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    for options, there in (((), False), (("--activation",), True)):
+        page = tmp_path / f"{there}.html"
+        CliRunner().invoke(
+            cli, ["report", str(runs[0]), "--out", str(page), *options], catch_exceptions=False
+        )
+        assert ('id="activation"' in page.read_text(encoding="utf-8")) == there
 
 
 def test_a_picture_of_times_has_one_colour_from_isochrone_to_isochrone() -> None:

@@ -59,8 +59,12 @@ class ActivationMap:
     def vectors(self) -> Array:
         """Velocities (n, 3) in m/s, NaN where none is told."""
         along = np.einsum("na,nad->nd", self.velocity.direction, self.posterior.harmonics.frames)
-        told = (self.told == Told.VELOCITY)[:, None]
-        return np.where(told, self.velocity.speed[:, None] * along, np.nan)
+        return np.where(self.has_velocity[:, None], self.velocity.speed[:, None] * along, np.nan)
+
+    @property
+    def has_velocity(self) -> Mask:
+        """Vertices (n,) where a velocity is told."""
+        return np.asarray(self.told == Told.VELOCITY)
 
     def samples(self, count: int, seed: int) -> tuple[Array, Array]:
         """Return joint samples (count, n) of the times, not taken back into a cycle, and of the speeds."""

@@ -8,14 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ...arrays import Array, Mask
 from ...errors import InputError
-from ...evaluation.activation.activation_map import ActivationMap, map_activation
-from ...evaluation.activation.velocity import Told
 from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import to_surface
 from ...evaluation.measures.intervals import LEVEL
@@ -25,6 +24,9 @@ from ...geometry.surface import Surface
 from ..subject import Subject, read_subject
 from .row_table import interval_of
 from .wall_regions import landmarks_in_map, wall_regions
+
+if TYPE_CHECKING:
+    from ...evaluation.activation.activation_map import ActivationMap
 
 SAMPLES, SEED = 200, 0
 LEAST_SHARE = 0.02  # of the mapped wall: of less a region says nothing
@@ -80,9 +82,11 @@ def activation_of(
 
 @lru_cache(maxsize=1)  # the pictures and the section below them show the same map
 def shown_activation(subject: Subject) -> Activation | None:
-    """Map the activation of a subject for its report; None where that cannot be done, as in `activation_of`,
-    or too few of its points have a time.
+    """Map the activation of a subject for its report; None where that is not asked for or cannot be done, as
+    in `activation_of`, or too few of its points have a time.
     """
+    if not subject.activation:
+        return None
     try:
         return _map_subject(subject, None, SAMPLES, SEED)
     except InputError:
@@ -109,6 +113,9 @@ def _map_subject(subject: Subject, cycle: float | None, samples: int, seed: int)
     found = measured_values(estimate.corrected(subject.case).points, ["lat"])
     if "lat" not in found:
         raise InputError("its points have no column 'lat': must have activation times in ms")
+    # imported late: a page without an activation, as most are, should not wait for it
+    from ...evaluation.activation.activation_map import map_activation
+
     surface, (xyz, times) = estimate.surface, found["lat"]
     wall = ~valve_of(surface, landmarks_in_map(subject))
     errors = estimate.samples(samples, seed).vertices - surface.vertices
@@ -126,7 +133,7 @@ def _list_rows(
 ) -> list[Row]:
     """Return the rows of the wall, then of each region that enough of is mapped."""
     surface = found.posterior.harmonics.surface
-    area, told = surface.vertex_areas, found.told == Told.VELOCITY
+    area, told = surface.vertex_areas, found.has_velocity
     times, speeds = found.samples(samples, seed + 1)
     naive_speed = 1.0 / np.maximum(np.linalg.norm(slopes(surface, naive), axis=1), 1e-9)
     rows = list[Row]()
@@ -210,7 +217,7 @@ def _meets_late(xyz: Array, times: Array) -> bool:
 
 
 def _make_fields(found: ActivationMap) -> dict[str, Array]:
-    told, known = found.told == Told.VELOCITY, found.known
+    told, known = found.has_velocity, found.known
     fields = {"lat": np.where(known, found.time, np.nan), "lat_sd": np.where(known, found.sd, np.nan)}
     speed = found.velocity
     fields |= {
