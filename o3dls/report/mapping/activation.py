@@ -196,7 +196,12 @@ def _remark_on(found: ActivationMap, xyz: Array, times: Array) -> list[str]:
     said = list[str]()
     doubted = int((found.trust < 0.5).sum())
     if doubted:
-        said.append(f"{doubted} of {len(found.rows)} times do not fit those about them and count for little.")
+        do = (
+            "does not fit those about it and counts"
+            if doubted == 1
+            else "do not fit those about them and count"
+        )
+        said.append(f"{doubted} of {len(found.rows)} times {do} for little.")
     trusted = found.rows[found.trust >= 0.5]
     if found.cycle is None and _meets_late(xyz[trusted], times[trusted]):
         said.append(
