@@ -133,7 +133,7 @@ def judge_unlike(case: Case, truth: Surface, judged: dict[str, Judged]) -> None:
     surface = estimate.surface
     middle = surface.vertices.mean(axis=0)
     octants, true_octants = (_find_octants(wall.vertices, middle) for wall in (surface, truth))
-    parts = Parts(octants, _find_tubes(surface))
+    parts = Parts(octants, _find_tubes(surface), template=True)
     nearest = surface.with_vertices(truth.closest_point.query(surface.vertices)[2])
     samples = estimate.samples(SAMPLES, SEED)
     naive = measure_surface(surface, parts)

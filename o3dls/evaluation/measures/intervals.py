@@ -16,8 +16,9 @@ from .numbers import Parts, Quantity, measure_surface, measure_surfaces, slopes
 LEVEL = 0.95
 # times that intervals are wider than what samples spread: these take amplitudes, feet and outliers as known,
 # and are too much alike where the motion strains the wall; la_60 to la_79 of benchmarks.measures asked for
-# it, but for sections of tubes, which depend on few vertices
-WIDER, SECTION = 1.3, "section"
+# it, but for sections of tubes, which depend on few vertices, and for volumes of a patient's own wall, which
+# no strain along the wall changes
+WIDER, SECTION, VOLUME = 1.3, "section", "volume"
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ def draw_numbers(
     samples: SurfaceSamples, parts: Parts, naive: Mapping[Quantity, float], values: Array | None = None
 ) -> dict[Quantity, Array]:
     """Return what the numbers of a surface may be, (k,) each, by its k samples: what lies beside their mean
-    is added to the naive number, `WIDER` times but for sections, and what is absent in a sample is taken off.
+    is added to the naive number, `WIDER` times but for sections and volumes of a patient's own wall, and what
+    is absent in a sample is taken off.
 
     A sample is as rough as the errors are, and so its walls and ways are longer than those of the surface.
     """
@@ -58,7 +60,8 @@ def draw_numbers(
     found = dict[Quantity, Array]()
     for quantity, numbers in whole.items():
         most = 100.0 if quantity.unit == "%" else np.inf
-        wider = 1.0 if quantity.what.startswith(SECTION) else WIDER
+        plain = quantity.what.startswith(SECTION) or (quantity.what == VOLUME and not parts.template)
+        wider = 1.0 if plain else WIDER
         found[quantity] = np.clip(naive[quantity] + wider * (numbers - numbers.mean()), 0.0, most)
     for quantity, numbers in present.items():
         found[quantity] += numbers - whole[quantity]

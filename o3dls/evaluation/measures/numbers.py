@@ -32,7 +32,8 @@ class Parts:
     """Parts say what is measured on a surface of n vertices: `regions` of the wall by name, each the vertices
     (n,) in it; `tubes` by name, each the vertices (n,) beyond a section of it; `places` by name, each the
     vertex that it goes with and its offset (3,) from that; `ways` between two of these, each the vertices
-    (k,) that it leads along; and below which of its `thresholds` a field lies.
+    (k,) that it leads along; below which of its `thresholds` a field lies; and whether the wall was fitted
+    with a template, another person's anatomy.
     """
 
     regions: Mapping[str, Mask]
@@ -41,6 +42,7 @@ class Parts:
     ways: Mapping[tuple[str, str], Ints] = field(default_factory=dict)
     thresholds: tuple[float, ...] = ()
     unit: str = "mV"
+    template: bool = False
 
 
 def measure_surface(

@@ -123,6 +123,7 @@ def _find_parts(subject: Subject, surface: Surface, asked: Asked) -> Parts:
         ways=shortest_ways(surface, wall, {name: vertex for name, (vertex, _) in places.items()}),
         thresholds=asked.thresholds,
         unit=ELECTRICAL[asked.column],
+        template=subject.case.prior_of == "template",
     )
 
 
