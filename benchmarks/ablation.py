@@ -30,18 +30,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import Listed, find
-from benchmarks.rules import ALL, RULES, Numbers, switched
+from benchmarks.rules import ALL, RULES, Numbers, package_of, switched
 from benchmarks.scores import calibration, distance_scores, lay_out, vein_scores
 from o3dls.case import Case
 from o3dls.estimate import Estimate
-from o3dls.plugins.stage import Stage
 
 Record = dict[str, Any]
-FIRST = {"Cut": 3, "Tub": 3, "Top": 3, "Rec": 4, "Spl": 4, "Nor": 4, "Amp": 4, "Sur": 4, "Own": 4, "Han": 4}
-OF_ONE_STAGE = {"Cov", "Ite", "Sel", "Lev", "Map", "Dri", "Cut", "Tub", "Top"}  # no later one has these
-DEFORM = 2  # the first stage that other rules concern
+STAGES = {"deform": 2, "topology": 3, "level_set": 4}  # their places in the packaged pipeline
+# the first stage that the numbers of a package concern; else the first of these
+FIRST = {"topology": "topology", "reconstruction": "level_set"}
+OF_ONE_STAGE = {"motion", "topology"}  # packages whose numbers no later stage has
 DIFFERS = 1e-6  # mm
-ERRORS = (ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
 def judged(listed: Listed, rules: Mapping[str, Numbers], prior_of: str | None = None) -> Iterator[Record]:
@@ -56,9 +55,12 @@ def judged(listed: Listed, rules: Mapping[str, Numbers], prior_of: str | None = 
     estimates = pipeline.fit(case)
     usual = [estimates.get(name) for name in pipeline.names]  # the start first: each stage's own start
     for rule, numbers in {ALL: {}, **rules}.items():
-        first: int | None = min((FIRST.get(name[:3], DEFORM) for name in numbers), default=DEFORM)
-        begin = min(k for k, stage in enumerate(stages) if _rank(stage) >= (first or 0))
-        alone = bool(numbers) and all(name[:3] in OF_ONE_STAGE for name in numbers)
+        packages = {package_of(name) for name in numbers}
+        first: int | None = min(
+            (STAGES[FIRST.get(one, "deform")] for one in packages), default=STAGES["deform"]
+        )
+        begin = min(k for k, stage in enumerate(stages) if STAGES.get(stage.name, 1) >= (first or 0))
+        alone = bool(packages) and packages <= OF_ONE_STAGE
         with switched(numbers):
             at, found = perf_counter(), usual[begin]
             for k, stage in enumerate(stages[begin:], begin):
@@ -79,11 +81,6 @@ def _are_same(one: Estimate, other: Estimate) -> bool:
         and all(np.array_equal(fields[name], usual[name], equal_nan=True) for name in fields)
         and one.warnings == other.warnings
     )
-
-
-def _rank(stage: Stage) -> int:
-    """Place of a stage in the packaged pipeline."""
-    return {"deform": DEFORM, "topology": 3, "level_set": 4}.get(stage.name, 1)
 
 
 def _score(case: Case, found: Estimate) -> Record:

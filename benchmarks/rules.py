@@ -126,6 +126,11 @@ def switched(numbers: Numbers) -> Iterator[None]:
             _assign(owner, number, value)
 
 
+def package_of(name: str) -> str:
+    """The package of o3dls whose settings have a number, by class and name. Raises KeyError."""
+    return str(_find_class(name.partition(".")[0]).__module__.split(".")[1])
+
+
 def _find_class(name: str) -> Any:
     """The settings class of that name among the modules that are loaded."""
     for module in [loaded for key, loaded in sys.modules.items() if key.startswith("o3dls.")]:
