@@ -87,7 +87,6 @@ RULES: dict[str, Numbers] = {
     "parts go only behind closed mouths": {"SurplusSettings.closed": -1.0},
     "parts stay on which wall hangs": {"SurplusSettings.severed": NEVER},
     "parts stay that are too much": {"SurplusSettings.most": 1.0},
-    "sacs are sought apart": {"SurplusSettings.sac": 1.0},
     "a patient's part stays": {"OwnPartSettings.evidence": 0.0},
     "handles are kept": {"HandleSettings.most_handles": 0},
 }
