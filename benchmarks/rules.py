@@ -61,7 +61,6 @@ RULES: dict[str, Numbers] = {
     "detail may be errors": {"DriftSettings.doubted": 0.0},
     # topology (o3dls/topology)
     "parts are cut off": {"CutSettings.witnesses": NEVER},
-    "untouched parts count": {"CutSettings.untouched": 0.0},
     "tubes are grown": {"TubeSettings.witnesses": NEVER},
     "a large tube is a chamber": {"TubeSettings.large": NEVER},
     "no tube is that wide": {"TubeSettings.widest": NEVER},
