@@ -28,7 +28,7 @@ from .field.spline_fit import Scale, distance_over, fitted, phi_at, turned_along
 from .field.splines import SplineField
 from .neighbours import nearest
 from .points.believed import Believed, Inside
-from .points.left_out import gain_off_prior, left_out_distances
+from .points.left_out import clusters_believed, gain_off_prior, left_out_distances
 from .points.orientation import planes, turned_outward
 from .settings import ReconstructionSettings
 from .shape.surplus import surplus
@@ -69,10 +69,12 @@ def reconstruct(
         settings = replace(settings, normals=settings.normals.of_template())
     else:
         believed = _take_off_bias(believed, prior, settings)
+    points = believed.points
     given = _Given(believed, prior, scale, settings)
-    if not given.enough(believed.weights):
+    weights = clusters_believed(points, believed.weights, prior, scale.between, settings)
+    if not given.enough(weights):
         return None
-    wall = oriented_by_others(believed.points, believed.noise, believed.weights, prior, settings)
+    wall = oriented_by_others(points, believed.noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
     asked = _weigh_evidence(given, wall, chosen.gain)
@@ -138,15 +140,21 @@ def _who_touches(
     the mixture; None where too few are left.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
-    touching = wall.of(wall.weights > 0.5)
-    field = fitted(touching, prior, scale, settings, scale.lengths(touching.noise, settings.splines))
-    factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, wall.weights)
-    noise = factor * noise
-    weights, contact = update_contact(residual, noise**2 + apart, given.believed.odds, contact)
-    if not given.enough(weights):
-        return None
-    wall = oriented_by_others(given.believed.points, noise, weights, prior, settings, wall)
-    return wall, float(np.median(noise)), contact
+    sigma, weights = float(np.median(noise)), wall.weights
+    for _ in range(settings.rounds):
+        touching = wall.of(wall.weights > 0.5)
+        lengths = scale.lengths(touching.noise, settings.splines)
+        field = fitted(touching, prior, scale, settings, lengths)
+        fit = distance_over(wall, prior, field)
+        factor, apart = _estimate_noise(fit, residual, noise, weights)
+        sigma = factor * float(np.median(noise))
+        variance = (factor * noise) ** 2 + apart
+        weights, contact = update_contact(residual, variance, given.believed.odds, contact)
+        if not given.enough(weights):
+            return None
+        wall = oriented_by_others(given.believed.points, factor * noise, weights, prior, settings, wall)
+        residual = left_out_distances(wall, prior, scale, settings)
+    return wall, sigma, contact
 
 
 def _follow_points(
@@ -210,9 +218,12 @@ def oriented_by_others(
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]
     heights = ((points - found.middles) * normals).sum(axis=1)
+    # a point so far off the plane of the others lies on a wall that turns
+    turn = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / found.reach
+    tilt = np.hypot(turn, found.tilt)
     amplitude = np.zeros(len(points)) if before is None else before.amplitude
     feet = points - heights[:, None] * normals
-    return Oriented(feet, heights, normals, found.tilt, found.flat, noise, weights, amplitude)
+    return Oriented(feet, heights, normals, tilt, found.flat, noise, weights, amplitude)
 
 
 def _estimate_noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

@@ -43,7 +43,7 @@ def reconstructed(
     found = reconstruct(surface, believed, spacing, settings)
     if found is None:
         return None
-    wall, removed = reconstructed_wall(found, settings, mesh)
+    wall, removed, filled = reconstructed_wall(found, settings, mesh)
     changes = _handles_changed(euler, components_and_euler(wall.vertices, wall.faces)[1])
     width = LatticeSettings().half_band * spacing
     phi = signed_distance(wall.vertices, wall.faces, spacing, width)
@@ -53,12 +53,15 @@ def reconstructed(
         sigma=found.sigma,
         status=_describe_wall(found, removed, settings),
         converged=True,
-        warnings=_warn_of_removed(removed, template=found.template) + _warn_of_changes(changes),
+        warnings=_warn_of_removed(removed, template=found.template)
+        + _warn_of_filled(filled)
+        + _warn_of_changes(changes),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
             "band_nodes": len(phi.band),
             "removed_parts": removed,
+            "filled_pockets": filled,
             "changes": changes,
         },
         weights=found.weights,
@@ -103,6 +106,15 @@ def _warn_of_removed(parts: int, *, template: bool) -> tuple[RunWarning, ...]:
     if template:
         why = "hardly a point lies there, though points close the mouth or lie on nearly all other wall"
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
+
+
+def _warn_of_filled(pockets: int) -> tuple[RunWarning, ...]:
+    """Warn that pockets of the outside were filled, if any were."""
+    if not pockets:
+        return ()
+    were = "1 pocket of the outside was" if pockets == 1 else f"{pockets} pockets of the outside were"
+    why = "hardly a point lies there, though points close the mouth"
+    return (RunWarning("topology-changed", f"{were} filled ({why}): check it in the report"),)
 
 
 def _handles_changed(before: int, after: int) -> list[str]:

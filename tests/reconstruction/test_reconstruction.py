@@ -32,6 +32,7 @@ from o3dls.reconstruction.neighbours import nearest
 from o3dls.reconstruction.points.believed import Believed, Inside
 from o3dls.reconstruction.points.dipoles import DipolePlaces
 from o3dls.reconstruction.points.existence import absent, existence
+from o3dls.reconstruction.points.left_out import clusters_believed
 from o3dls.reconstruction.points.orientation import planes, turned_outward
 from o3dls.reconstruction.points.point_density import PointDensity
 from o3dls.reconstruction.reconstruct import oriented_by_others
@@ -43,6 +44,7 @@ from o3dls.reconstruction.shape.pieces import (
     own_parts_kept,
     reconstructed_wall,
     smooth_cuts,
+    without_pinched_off,
 )
 from o3dls.reconstruction.shape_settings import HandleSettings
 
@@ -116,6 +118,7 @@ def test_normals_point_outward_on_a_vein_that_the_prior_lacks() -> None:
     assert ((outward * truth).sum(axis=1) < 0.0).mean() < 0.01
     # the plane is that of the others: it follows the wall, not the noise of the point
     assert np.abs(distances(found.middles, TUBED)).mean() < 0.3
+    assert 1.0 < np.median(found.reach) < 3.0  # within the radius that was asked for
 
 
 def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowhere_else() -> None:
@@ -126,7 +129,7 @@ def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowh
     from_face = np.sort(np.abs(np.abs(points) - [16.0, 12.0, 8.0]), axis=1)
     flat, edge = from_face[:, 1] > 6.0, from_face[:, 1] < 1.0
     assert np.quantile(wall.tilt[flat], 0.9) < 0.05  # what is usual has a deviation of 0.4
-    assert np.median(wall.tilt[edge]) > 0.1
+    assert np.median(wall.tilt[edge]) > 0.2
     clear = wall.tilt < 0.05
     truth = block.face_normals[ClosestPoint(block.vertices, block.faces).query(wall.feet)[1]]
     angle = np.arccos(np.clip((wall.normals * truth).sum(axis=1), -1.0, 1.0))
@@ -223,6 +226,23 @@ def test_wall_without_points_costs_as_points_without_wall_do() -> None:
         assert of_ball > of_dent + 10.0
 
 
+def test_a_cluster_is_believed_unless_the_wall_in_front_of_it_has_points() -> None:
+    settings = ReconstructionSettings()
+    rng = np.random.default_rng(SEED)
+    away = rng.normal(size=(1500, 3))
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    on_wall = 16.0 * away
+    cap = away[:, 2] > 0.8
+    cluster = on_wall[cap] * 22.0 / 16.0
+    prior = MovedPrior.of(BALL, cluster, 1.0, 2.5)
+    weights = np.r_[np.full((~cap).sum(), 0.95), np.full(len(cluster), 0.05)]
+    moved = clusters_believed(np.vstack([on_wall[~cap], cluster]), weights, prior, 2.0, settings)
+    assert (moved[-len(cluster) :] > 0.5).mean() > 0.9  # the wall has moved there; some stand too far apart
+    every = np.r_[np.full(1500, 0.95), np.full(len(cluster), 0.05)]
+    beside = clusters_believed(np.vstack([on_wall, cluster]), every, prior, 2.0, settings)
+    np.testing.assert_array_equal(beside, every)  # another chamber
+
+
 def test_a_vein_that_the_prior_lacks_is_reconstructed_with_its_noise() -> None:
     found = rebuilt(BALL, sampled(TUBED, 1500, SIGMA, SEED))
     assert found is not None
@@ -258,18 +278,25 @@ def test_points_that_float_do_not_make_a_wall() -> None:
     assert distances(found.wall.vertices, TUBED).mean() < 0.3
 
 
-@pytest.mark.parametrize("visited", [True, False], ids=["before wall with points", "a dent"])
-def test_points_inside_are_a_wall_only_where_that_in_front_has_none(visited: bool) -> None:
+@pytest.mark.parametrize(
+    ("visited", "share", "float_"),
+    [(True, 1.0, True), (False, 1.0, False), (False, 0.05, True)],
+    ids=["before wall with points", "a dent", "few before unvisited wall"],
+)
+def test_points_inside_are_a_wall_only_where_that_in_front_has_none_and_they_lie_as_close(
+    visited: bool, share: float, float_: bool
+) -> None:
     settings = ReconstructionSettings()
     on_wall, inside = sampled(BALL, 3000, 0.1, SEED), sampled(BALL, 3000, 0.1, SEED + 1)
-    inside = 11.0 / 16.0 * inside[inside[:, 0] > 12.0]
+    chosen = np.random.default_rng(SEED).uniform(size=3000) < share
+    inside = 11.0 / 16.0 * inside[(inside[:, 0] > 12.0) & chosen]
     points = np.vstack([on_wall if visited else on_wall[on_wall[:, 0] < 12.0], inside])
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
     noise, touch = np.full(len(points), 0.3), np.full(len(points), 0.95)
     wall = oriented_by_others(points, noise, touch, prior, settings)
     found = floating(wall, prior, settings.splines)
     assert not found[: -len(inside)].any()
-    assert abs(found[-len(inside) :].mean() - visited) < 0.1  # at the rim both are near
+    assert abs(found[-len(inside) :].mean() - float_) < 0.1  # at the rim both are near
 
 
 @pytest.mark.parametrize("prior", [BALL, torus()])
@@ -445,6 +472,27 @@ def test_a_part_is_there_if_it_leads_to_points_that_span_a_surface(points: int, 
     assert surplus._severs_wall(third == 1, inside, 1.0, ReconstructionSettings().surplus) == severs
 
 
+def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
+    points = sampled(BALL, 2000, 0.0, SEED)
+    prior = MovedPrior.of(BALL, points, 1.0, 2.5)
+    rest = Oriented(
+        points, np.zeros(2000), points / 16.0, np.zeros(2000), np.full(2000, True), *np.ones((3, 2000))
+    )
+    lattices = SplineField([], [])
+    found = Reconstruction(
+        prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3)), CONTACT
+    )
+    at = (np.argwhere(np.ones(prior.box.shape)) + prior.low).astype(np.float64)
+    cavity = 6.1 - np.linalg.norm(at, axis=1)
+    phi = np.maximum(prior.box, cavity.reshape(prior.box.shape))
+    settings = ReconstructionSettings()
+    filled, count = without_pinched_off(-phi, found, settings)
+    assert count == 1
+    assert (-filled[prior.box < -1.0] < 0.0).all()
+    mapped = replace(found, wall=replace(rest, feet=np.vstack([points[:1000], 6.1 / 16.0 * points[1000:]])))
+    assert without_pinched_off(-phi, mapped, settings)[1] == 0
+
+
 def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_box() -> None:
     class Rises(SplineField):
         """A field that makes wall far from points, on one side."""
@@ -460,7 +508,7 @@ def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_bo
     found = Reconstruction(
         prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3)), CONTACT
     )
-    surface, _ = reconstructed_wall(found, ReconstructionSettings(), isosurface)
+    surface, _, _ = reconstructed_wall(found, ReconstructionSettings(), isosurface)
     assert surface.vertices[:, 0].max() > 22.0  # it reaches the end
     assert components_and_euler(surface.vertices, surface.faces) == (1, 2)
     assert surface.watertight

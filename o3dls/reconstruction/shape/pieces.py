@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import find_objects, gaussian_filter, label
+from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter, label
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.components import components_and_euler
@@ -21,26 +21,34 @@ from ...levelset.settings import LatticeSettings
 from ...noise.contact import contact_density
 from ..field.equations import floating
 from ..field.reconstruction import Reconstruction
+from ..neighbours import nearest
 from ..points.point_density import PointDensity
 from ..settings import ReconstructionSettings
 from .handles import without_handles
 from .surplus import surplus
 
+EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
+
 
 def reconstructed_wall(
     found: Reconstruction, settings: ReconstructionSettings, mesh: Mesher
-) -> tuple[Surface, int]:
-    """Return the wall of phi, one piece without handles but such as points show, and how many parts were
-    taken away because points contradict them.
+) -> tuple[Surface, int, int]:
+    """Return the wall of phi, one piece without handles but such as points show; how many parts were taken
+    away, and how many pockets of the outside filled, because points contradict them.
 
     mesh: what will mesh phi. Where that has another topology, as where walls are closer than the lattice
     tells apart, the wall is a mesh of fewer faces than the zero set has.
     """
     prior, least = found.prior, LatticeSettings().least_outside * found.prior.spacing
-    begun = _on_lattice(found, settings)
-    revise = without_surplus if found.template else own_parts_kept
-    phi, removed = revise(begun, found, settings)
-    phi = smooth_cuts(phi, begun, settings.cut_smoothing)
+    begun = phi = _on_lattice(found, settings)
+    phi, removed = without_pinched_off(phi, found, settings)
+    if found.template:
+        phi, cut = without_surplus(phi, found, settings)
+        removed += cut
+    else:
+        phi, removed = own_parts_kept(phi, found, settings)
+    outside, filled = without_pinched_off(-phi, found, settings)
+    phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     around = _around_wall(phi, 2)
     corner = prior.low + [side.start for side in around]
     density = PointDensity(found.wall.points, found.sigma, corner, prior.spacing, settings.handles)
@@ -51,7 +59,7 @@ def reconstructed_wall(
     meshed = mesh(made)
     if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
         wall = regularised(wall, prior.spacing)
-    return wall, removed
+    return wall, removed, filled
 
 
 def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
@@ -149,6 +157,11 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     least = LatticeSettings().least_outside * prior.spacing
     ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)
     phi[ends] = np.maximum(phi[ends], least)
+    # what is open to the outside has no wall: neither points nor the moved prior bound it
+    bare = (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > alone)
+    if bare.any():
+        open_parts, _ = label((phi >= 0.0) | bare)
+        phi[bare & (open_parts == open_parts[0, 0, 0])] = least
     return phi
 
 
@@ -156,6 +169,51 @@ def _nearest_nodes(points: Array, found: Reconstruction) -> Ints:
     """Return the indices (n, 3) in the box of the nodes nearest to points."""
     inside = np.round(points / found.prior.spacing).astype(np.int64) - found.prior.low
     return np.asarray(np.clip(inside, 0, np.array(found.prior.box.shape) - 1))
+
+
+def without_pinched_off(
+    phi: Array, found: Reconstruction, settings: ReconstructionSettings
+) -> tuple[Array, int]:
+    """Return phi without pinched-off veins: parts that hang on the rest by a thin neck or not at all and have
+    room for many points, though hardly one lies on them, while the wall around the neck has some.
+    """
+    spacing = found.prior.spacing
+    neck = float(np.clip(settings.neck * found.between, spacing, settings.widest_neck * found.radius))
+    around = _around_wall(phi, int(np.ceil(neck / spacing)) + 2)
+    whole, phi = phi, phi[around]
+    inside = phi < 0.0
+    core, parts = label(inside & (gaps(~inside, neck / spacing) * spacing > neck))
+    if parts < 2:
+        return whole, 0
+    low = [side.start for side in around]
+    sizes = np.bincount(core.ravel())
+    sizes[0] = 0
+    closest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
+    part = np.where(inside, core[tuple(closest)], 0)
+    wall = inside & widened(~inside)
+    walls = np.bincount(part[wall], minlength=parts + 1)
+    at = _nearest_nodes(found.wall.feet, found) - low
+    near = _gaps_to_nearest(np.argwhere(wall), at) * spacing < settings.surplus.reach * found.between
+    supported = np.bincount(part[wall][near], minlength=parts + 1) / np.maximum(walls, 1)
+    expected = EVEN * spacing**2 * walls / found.between**2
+    known = np.clip(_nearest_nodes(found.inside, found) - low, 0, np.array(part.shape) - 1)
+    expected[part[tuple(known.T)]] = 0.0
+    removed = 0
+    whole = whole.copy()
+    phi = whole[around]
+    for k in range(1, parts + 1):
+        if k == sizes.argmax() or expected[k] < settings.expected or supported[k] > settings.supported:
+            continue
+        mine = part == k
+        joint = mine & widened(inside & ~mine)
+        reach = (neck + found.between) / spacing
+        if (
+            not joint.any()
+            or (_gaps_to_nearest(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck
+        ):
+            phi[mine] = np.maximum(-phi[mine], LatticeSettings().least_outside * spacing)
+            removed += 1
+    return whole, removed
 
 
 def _around_wall(phi: Array, margin: int) -> tuple[slice, ...]:
@@ -167,3 +225,8 @@ def _around_wall(phi: Array, margin: int) -> tuple[slice, ...]:
         first, last = (there[0], there[-1]) if len(there) else (0, 0)
         sides.append(slice(max(0, first - margin), last + margin + 1))
     return tuple(sides)
+
+
+def _gaps_to_nearest(nodes: Ints, others: Ints) -> Array:
+    """Return the distances (n,), in nodes, of nodes (n, 3) from the nearest of others (m, 3)."""
+    return nearest(others.astype(np.float64), nodes.astype(np.float64), 1)[0][:, 0]
