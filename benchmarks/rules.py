@@ -58,6 +58,7 @@ RULES: dict[str, Numbers] = {
         "MapShiftSettings.first_over_motion": 0.0,
     },
     "errors go together": {"DriftSettings.least_pull": NEVER},
+    "a tip presses": {"DriftSettings.pressures": ()},
     "detail may be errors": {"DriftSettings.doubted": 0.0},
     # topology (o3dls/topology)
     "parts are cut off": {"CutSettings.witnesses": NEVER},

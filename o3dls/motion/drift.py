@@ -40,7 +40,7 @@ def fit_with_drift(fit: MotionFit) -> MotionFit | None:
 def _with_drift(scales: Scales, problem: MotionProblem) -> Scales:
     """Return the scales with a usual deviation of each offset that goes together."""
     settings = problem.settings.drift
-    drifts = len(settings.lengths)
+    drifts = len(settings.names)
     at = scales.fields
 
     def extended(values: Array, more: float) -> Array:

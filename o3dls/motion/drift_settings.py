@@ -11,10 +11,13 @@ from ..settings import number
 class DriftSettings:
     """These settings say how errors of points that are taken one after the other go together."""
 
-    lengths: tuple[float, ...] = number(
+    shifts: tuple[float, ...] = number(
         (12.0, 60.0),
         "points",
-        "lengths of errors that go together: a group of electrodes, and breathing, contact or a slip",
+        "lengths of shifts that go together: a group of electrodes, and breathing or a slip",
+    )
+    pressures: tuple[float, ...] = number(
+        (12.0,), "points", "lengths of a tip's pressure, which moves the wall along its normal"
     )
     usual: float = number(
         0.02, "rms radii", "usual deviation of each length, 0.5 mm per axis, before points are seen"
@@ -46,3 +49,14 @@ class DriftSettings:
     doubted: float = number(
         0.1, "1", "share of the variance of that detail that may be errors where the order is lost"
     )
+
+    @property
+    def kinds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lengths of shifts and of pressure."""
+        return self.shifts, self.pressures
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the deviations, in their order."""
+        named = zip(("drift", "pressure"), self.kinds, strict=True)
+        return [f"{kind}_{length:g}" for kind, lengths in named for length in lengths]

@@ -159,9 +159,7 @@ def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
         return rows
     place = data.place_in_order
     taken = Taken(np.bincount(rows.of_point, place) / np.bincount(rows.of_point), place, rows.of_point)
-    return replace(
-        rows, drift=grams(rows.observed.directions, taken, problem.settings.drift.lengths), taken=taken
-    )
+    return replace(rows, drift=grams(rows.observed.directions, taken, problem.settings.drift), taken=taken)
 
 
 def rows_in_order(problem: MotionProblem, feet: Feet) -> Ints | None:

@@ -148,8 +148,8 @@ def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
         "persistence": state.contact.persistence,
     }
     if state.scales.drifts:
-        named = zip(problem.settings.drift.lengths, state.scales.drift_sds, strict=True)
-        facts |= {f"drift_{length:g}": float(sd) for length, sd in named}
+        named = zip(problem.settings.drift.names, state.scales.drift_sds, strict=True)
+        facts |= {name: float(sd) for name, sd in named}
     noises = ["ablation_noise"] * (problem.data.groups > 1) + ["landmark_noise"] * landmarks
     return facts | {name: float(noise) for name, noise in zip(noises, state.scales.noises[1:], strict=True)}
 

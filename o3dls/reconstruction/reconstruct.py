@@ -30,6 +30,7 @@ from .neighbours import nearest
 from .points.believed import Believed, Inside
 from .points.left_out import clusters_believed, gain_off_prior, left_out_distances
 from .points.orientation import planes, turned_outward
+from .points.wall_likelihood import gain_of_wall
 from .settings import ReconstructionSettings
 from .shape.surplus import surplus
 
@@ -69,12 +70,15 @@ def reconstruct(
         settings = replace(settings, normals=settings.normals.of_template())
     else:
         believed = _take_off_bias(believed, prior, settings)
-    points = believed.points
     given = _Given(believed, prior, scale, settings)
-    weights = clusters_believed(points, believed.weights, prior, scale.between, settings)
+    weights = clusters_believed(believed.points, believed.weights, prior, scale.between, settings)
     if not given.enough(weights):
         return None
-    wall = oriented_by_others(points, believed.noise, weights, prior, settings)
+    wall = oriented_by_others(believed.points, believed.noise, weights, prior, settings)
+    if believed.stretch is not None:  # points of one stretch of the order share errors
+        wall = replace(wall, stretch=believed.stretch)
+    if len(np.unique(wall.stretch)) < settings.folds:  # none can be predicted by others
+        return None
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
     asked = _weigh_evidence(given, wall, chosen.gain)
@@ -85,6 +89,8 @@ def reconstruct(
     if believed_at_last is None:
         return None
     wall, sigma, contact = believed_at_last
+    if not believed.template and gain_of_wall(wall, points, prior, scale, settings) < 0.0:
+        return None
     touching = wall.of(wall.weights > 0.5)
     lengths = scale.wall_lengths(touching.noise, settings.splines)
     touching, field = _follow_points(given, touching, lengths, contact)
@@ -222,8 +228,9 @@ def oriented_by_others(
     turn = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / found.reach
     tilt = np.hypot(turn, found.tilt)
     amplitude = np.zeros(len(points)) if before is None else before.amplitude
+    stretch = np.arange(len(points)) if before is None else before.stretch
     feet = points - heights[:, None] * normals
-    return Oriented(feet, heights, normals, tilt, found.flat, noise, weights, amplitude)
+    return Oriented(feet, heights, normals, tilt, found.flat, noise, weights, amplitude, stretch)
 
 
 def _estimate_noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

@@ -54,15 +54,16 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
 
     data, state = fit.problem.data, fit.state
     wall = ~data.inside
-    noise, points = state.scales.noises[data.group] * data.relative, data.points
+    noise, points, stretch = state.scales.noises[data.group] * data.relative, data.points, None
     if fit.drift is not None:  # where points were without the errors that they share
         offsets, left = fit.drift.offsets()
         # what is left of these does not average out among the points that share it
-        sharing = 2.0 * min(fit.drift.settings.lengths)
+        sharing = 2.0 * min(fit.drift.settings.shifts)
         noise, points = np.sqrt(noise**2 + sharing * left), points - offsets
+        stretch = (data.place_in_order[wall] // max(fit.drift.settings.shifts)).astype(np.int64)
     inside = Inside(points[~wall], noise[~wall])
     touching = points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
-    return Believed(*touching, state.contact, inside, template, fit.motion.doubt)
+    return Believed(*touching, state.contact, inside, template, fit.motion.doubt, stretch)
 
 
 def _of_mapping(fit: MotionFit, weights: Array) -> Array:

@@ -14,6 +14,7 @@ from o3dls.case import Case, Points
 from o3dls.evaluation.statistics import BAND_95
 from o3dls.geometry.surface import Surface
 from o3dls.motion.drift import fit_with_drift
+from o3dls.motion.drift_settings import DriftSettings
 from o3dls.motion.field.drift import Drift, Taken, grams
 from o3dls.motion.field.gaussian_process import solve
 from o3dls.motion.field.marginal_likelihood import MarginalLikelihood
@@ -160,6 +161,24 @@ def test_offsets_are_those_of_the_points() -> None:
     assert (left < (fit.state.scales.drift_sds**2).sum()).all()
 
 
+def test_a_tip_that_presses_is_told_from_one_that_is_shifted() -> None:
+    """Pressure is alike whichever way the wall faces: its offsets are along the normals."""
+    surface, truth, points, common = mapped(shared=0.0)
+    outward = surface.with_vertices(truth).face_normals
+    facing = outward[surface.with_vertices(truth).closest_point.query(points)[1]]
+    rng = np.random.default_rng(5_003)
+    pressed = np.repeat(1.5 * rng.normal(size=len(points) // GROUP + 1), GROUP)[: len(points)]
+    # independent errors of `mapped` are large where none are shared
+    moved = points + pressed[:, None] * facing
+    fit = fit_with_drift(fitted(surface, moved))
+    assert fit is not None
+    assert fit.drift is not None
+    assert fit.facts["pressure_12"] > 2.0 * fit.facts["drift_12"]
+    found = (fit.drift.offsets()[0] * facing).sum(axis=1)
+    assert np.corrcoef(found, pressed)[0, 1] > 0.7
+    assert not common.any()
+
+
 def test_offsets_of_many_points_are_those_of_few_at_a_time() -> None:
     surface, _, points, _ = mapped()
     fit = fit_with_drift(fitted(surface, points))
@@ -174,11 +193,12 @@ def test_the_covariance_is_that_of_the_formula_and_landmarks_have_none() -> None
     rng = np.random.default_rng(3)
     directions, place = rng.normal(size=(7, 3)), np.arange(4.0) * 2.0
     taken = Taken(place, place, np.arange(4))
-    (gram,) = grams(directions, taken, (5.0,))
-    for i in range(7):
-        for j in range(7):
-            wanted = directions[i] @ directions[j] * np.exp(-abs(i - j) * 2.0 / 5.0) if max(i, j) < 4 else 0.0
-            assert gram[i, j] == pytest.approx(wanted)
+    shift, pressure = grams(directions, taken, DriftSettings(shifts=(5.0,), pressures=(3.0,)))
+    size = np.linalg.norm(directions, axis=1)
+    for i, j in np.ndindex(7, 7):
+        apart, known = abs(i - j) * 2.0, max(i, j) < 4
+        assert shift[i, j] == pytest.approx(known * directions[i] @ directions[j] * np.exp(-apart / 5.0))
+        assert pressure[i, j] == pytest.approx(known * size[i] * size[j] * np.exp(-apart / 3.0))
 
 
 def test_offsets_are_the_posterior_mean_and_variance_of_the_dense_formula() -> None:
@@ -188,11 +208,9 @@ def test_offsets_are_the_posterior_mean_and_variance_of_the_dense_formula() -> N
     place, z = np.array([0.0, 1.0, 5.0, 6.0, 30.0]), rng.normal(size=5)
     taken = Taken(place, place, np.arange(5))
     settings = MotionSettings().drift
-    sds = np.array([1.3, 0.7])
+    sds = np.array([1.3, 0.7, 0.9])
     other = 0.4 * np.eye(5) + 0.2
-    between = sum(
-        sd**2 * gram for sd, gram in zip(sds, grams(directions, taken, settings.lengths), strict=True)
-    )
+    between = sum(sd**2 * gram for sd, gram in zip(sds, grams(directions, taken, settings), strict=True))
     solved, _ = solve(np.asarray(between + other), z)
     mean, left = Drift(settings, sds, taken, directions, solved).offsets()
     inverse = np.linalg.inv(between + other)
@@ -208,7 +226,7 @@ def test_the_score_is_the_slope_of_the_evidence() -> None:
     rows = gather_rows(problem, find_feet(problem, fit.state), fit.state)
     likelihood = MarginalLikelihood.of(problem.covariance, rows)
     taken = Taken(np.arange(100.0), np.arange(100.0), np.arange(100))
-    (part,) = grams(rows.observed.directions, taken, (12.0,))
+    part = grams(rows.observed.directions, taken, problem.settings.drift)[0]
     matrix, _ = likelihood.covariance(scales.log)
     step = 1e-4
     energies = [solve(matrix + sign * step * part, rows.residual)[0].energy for sign in (-1.0, 1.0)]
@@ -248,7 +266,7 @@ def test_the_stage_says_what_it_found_and_may_be_told_not_to_ask() -> None:
     assert asked.sigma is not None
     assert not_asked.sigma is not None
     assert asked.sigma > not_asked.sigma
-    assert set(asked.facts) - set(not_asked.facts) >= {"drift_12", "drift_60"}
+    assert set(asked.facts) - set(not_asked.facts) >= {"drift_12", "drift_60", "pressure_12"}
 
 
 def test_the_level_set_is_given_points_without_the_errors_that_they_share() -> None:

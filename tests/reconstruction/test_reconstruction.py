@@ -331,6 +331,7 @@ def oriented(points: Array, prior: Surface) -> Oriented:
         np.full(count, SIGMA),
         np.full(count, 0.95),
         np.zeros(count),
+        np.arange(count),
     )
 
 
@@ -434,7 +435,14 @@ def test_a_part_of_ones_own_is_lost_only_where_points_close_its_mouth(least: flo
     noise = np.full(count, SIGMA)
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
     wall = Oriented(
-        points, np.zeros(count), normals, np.zeros(count), np.full(count, True), noise, *np.ones((2, count))
+        points,
+        np.zeros(count),
+        normals,
+        np.zeros(count),
+        np.full(count, True),
+        noise,
+        *np.ones((2, count)),
+        np.arange(count),
     )
     lattices, nobody = SplineField([], []), np.zeros((0, 3))
     rebuilt_wall = Reconstruction(
@@ -476,7 +484,13 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     points = sampled(BALL, 2000, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
     rest = Oriented(
-        points, np.zeros(2000), points / 16.0, np.zeros(2000), np.full(2000, True), *np.ones((3, 2000))
+        points,
+        np.zeros(2000),
+        points / 16.0,
+        np.zeros(2000),
+        np.full(2000, True),
+        *np.ones((3, 2000)),
+        np.arange(2000),
     )
     lattices = SplineField([], [])
     found = Reconstruction(
@@ -503,7 +517,13 @@ def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_bo
     points = sampled(BALL, 300, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 4.0)
     wall = Oriented(
-        points, np.zeros(300), points / 16.0, np.zeros(300), np.full(300, True), *np.ones((3, 300))
+        points,
+        np.zeros(300),
+        points / 16.0,
+        np.zeros(300),
+        np.full(300, True),
+        *np.ones((3, 300)),
+        np.arange(300),
     )
     found = Reconstruction(
         prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3)), CONTACT

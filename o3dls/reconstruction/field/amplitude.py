@@ -45,7 +45,8 @@ def amplitudes(
     chosen = settings.amplitude
     ladder = scale.radius * np.asarray(chosen.ladder)
     known = wall.of(~turned_off(wall, prior, settings.splines) & (wall.weights > 0.5))
-    if len(known.feet) <= chosen.neighbours:
+    together = np.unique(known.stretch, return_counts=True)[1].max(initial=0)
+    if len(known.feet) - together < chosen.neighbours:
         return Amplitudes(np.full(len(wall.feet), ladder[-1]), 1.0, 0.0)
     order = np.random.default_rng(SEED).permutation(len(known.feet))
     tested = np.sort(order[: chosen.most_points])
@@ -121,12 +122,26 @@ def _score_amplitudes(
     points = known.points
     squared, _, feet, _ = prior.tree.query(points)
     distance = np.where(prior.at(points) < 0.0, -1.0, 1.0) * np.sqrt(squared)
-    near = _itself_first(nearest(feet, feet[tested], count)[1], tested)
+    near = _find_neighbours(feet, known.stretch, tested, count)
     factors = np.asarray(chosen.noise_factors)
     out = np.zeros((len(tested), len(ladder), len(factors)))
     measured = _Measured(feet, distance, known.noise)
     by_rows(_fill_log_densities, WORTH, (near, out), measured, ladder, factors, lengths)
     return out
+
+
+def _find_neighbours(feet: Array, stretch: Ints, tested: Ints, count: int) -> Ints:
+    """Find the rows (k, count) of tested points and of the nearest that share no error with each."""
+    taken = np.unique(stretch)
+    if len(taken) == len(feet):
+        return _itself_first(nearest(feet, feet[tested], count)[1], tested)
+    near = np.empty((len(tested), count), dtype=np.int64)
+    near[:, 0] = tested
+    for one in taken:
+        mine = stretch[tested] == one
+        others = np.flatnonzero(stretch != one)
+        near[mine, 1:] = others[nearest(feet[others], feet[tested[mine]], count - 1)[1]]
+    return near
 
 
 def _itself_first(near: Ints, own: Ints) -> Ints:

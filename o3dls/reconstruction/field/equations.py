@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import KDTree
 
-from ...arrays import TINY, Array, Mask
+from ...arrays import TINY, Array, Ints, Mask
 from ..settings import SplineSettings
 from .moved_prior import MovedPrior
 from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
@@ -22,7 +22,8 @@ class Oriented:
     """Oriented points show a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places
     near the wall; by how much each normal may be off (n,) in radians, beyond what is usual; whether (n,) the
     neighbours lie in a plane, so that the normal shows where the wall looks; the noise (n,) of each point,
-    the probability (n,) that it touches, and the deviation (n,) of the field there before points are seen.
+    the probability (n,) that it touches, and the deviation (n,) of the field there before points are seen;
+    and the number (n,) of those with which it may share an error.
 
     Noise moves a point along the normal too: a field that is read where the points are follows it.
     """
@@ -35,6 +36,7 @@ class Oriented:
     noise: Array
     weights: Array
     amplitude: Array
+    stretch: Ints
 
     @property
     def points(self) -> Array:

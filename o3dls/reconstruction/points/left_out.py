@@ -50,12 +50,14 @@ def left_out_distances(
     """Return the signed distance (n,) of each point, negative inside, from the wall that other points make;
     of points that float in front of the moved prior's wall, from that, if it is farther.
 
-    The points are split into parts; each is predicted by the others, or, of many points, a part predicts the
-    rest.
+    The points are split into parts, none of them between points that may share an error; each is predicted by
+    the others, or, of many points, a part predicts the rest.
     """
     count = len(wall.feet)
+    apart, stretch = np.unique(wall.stretch, return_inverse=True)
     parts = max(settings.folds, int(np.ceil(count / settings.most_training)))
-    part = np.random.default_rng(SEED).permutation(count) % parts
+    parts = min(parts, max(len(apart), settings.folds))
+    part = (np.random.default_rng(SEED).permutation(len(apart)) % parts)[stretch]
     total, times = np.zeros(count), np.zeros(count)
     for k in range(settings.folds):
         training = ((part == k) if parts > settings.folds else (part != k)) & (wall.weights > 0.5)
