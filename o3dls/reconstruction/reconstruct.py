@@ -89,7 +89,9 @@ def reconstruct(
     if believed_at_last is None:
         return None
     wall, sigma, contact = believed_at_last
-    if not believed.template and gain_of_wall(wall, points, prior, scale, settings) < 0.0:
+    # distances alone take what points share for a wall of the patient
+    doubted = believed.stretch is not None and not believed.template
+    if doubted and gain_of_wall(wall, points, prior, scale, settings) < 0.0:
         return None
     touching = wall.of(wall.weights > 0.5)
     lengths = scale.wall_lengths(touching.noise, settings.splines)

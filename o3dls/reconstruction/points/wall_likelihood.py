@@ -1,8 +1,8 @@
 """How much likelier a wall that points show is than the moved prior's: by other points, and their density.
 
-Distances cannot tell where noise is as long as the wall bends: points near a crease lie off it in the mean,
-and agree with each other on a wall that is rounder than the true one. The density of points that come from a
-wall evenly, with noise, knows this.
+Distances from the wall that neighbours make are small where neighbours share an error, and where noise is as
+long as the wall bends: points near a crease agree on a rounder wall. The density of other points that come
+from a wall evenly, with noise, knows both.
 """
 
 from __future__ import annotations
