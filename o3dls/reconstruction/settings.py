@@ -176,6 +176,12 @@ class ReconstructionSettings:
         50, "points", "fewest believed points for a reconstruction: fewer show no wall by themselves"
     )
     folds: int = number(4, "", "parts of the points, each predicted by the others")
+    newton_steps: int = number(
+        3, "", "steps of Newton's method from the moved prior to the wall whose density of points is asked"
+    )
+    most_faces: int = number(
+        100_000, "faces", "faces above which that wall is not divided further to be finer than the noise"
+    )
     most_training: int = number(2000, "points", "most points that predict the others")
     rounds: int = number(3, "", "rounds of finding which points touch the wall")
     turns: int = number(1, "", "times that normals are turned to those of phi")

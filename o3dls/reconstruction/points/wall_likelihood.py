@@ -24,9 +24,6 @@ from ..neighbours import SEED
 from ..settings import ReconstructionSettings
 from ..shape_settings import HandleSettings
 
-STEPS = 3  # of Newton's method from the moved prior to the wall of a field
-MOST_FACES = 100_000  # above which a wall is not divided further to be finer than the noise
-
 
 def gain_of_wall(
     wall: Oriented, measured: Array, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
@@ -46,10 +43,10 @@ def gain_of_wall(
     fewer = replace(scale, between=scale.between * np.sqrt(len(half) / len(known.feet)))
     lengths = fewer.wall_lengths(known.noise, settings.splines)
     field = fitted(known, prior, fewer, settings, lengths)
-    before = _with_fine_faces(prior.surface, float(np.median(wall.noise)))
+    before = _with_fine_faces(prior.surface, float(np.median(wall.noise)), settings.most_faces)
     # the centres of larger faces do not stand for them
     noise = np.maximum(wall.noise[tested], np.sqrt(before.area / len(before.faces)))
-    after = replace(before, vertices=_vertices_on_wall(before, prior, field))
+    after = replace(before, vertices=_vertices_on_wall(before, prior, field, settings.newton_steps))
     by_points, by_prior = (
         max(
             _log_likelihood(measured[tested], factor * noise, surface, settings.handles)
@@ -60,20 +57,20 @@ def gain_of_wall(
     return by_points - by_prior
 
 
-def _with_fine_faces(surface: Surface, noise: float) -> Surface:
+def _with_fine_faces(surface: Surface, noise: float, most: int) -> Surface:
     """Return the surface with faces that are small against the noise: their centres stand for them."""
     vertices, faces = surface.vertices, surface.faces
-    while len(faces) < min(surface.area / noise**2, MOST_FACES):
+    while len(faces) < min(surface.area / noise**2, most):
         vertices, faces = subdivide(vertices, faces)
     return Surface(np.asarray(vertices), np.asarray(faces))
 
 
-def _vertices_on_wall(surface: Surface, prior: MovedPrior, field: SplineField) -> Array:
+def _vertices_on_wall(surface: Surface, prior: MovedPrior, field: SplineField, steps: int) -> Array:
     """Return the vertices (n, 3) of the moved prior, moved along their normals to the wall of a field."""
     along = vertex_normals(surface.vertices, surface.faces)
     rounded = prior.at(surface.vertices)  # by the lattice
     places = surface.vertices
-    for _ in range(STEPS):
+    for _ in range(steps):
         off = np.clip(phi_at(places, prior, field) - rounded, -prior.clip, prior.clip)
         places = places - off[:, None] * along
     return places
