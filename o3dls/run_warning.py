@@ -47,7 +47,6 @@ CODES: Mapping[str, str] = {
     "topology-changed": "a part of the prior was removed, or a tube added",
     # level set
     "self-intersection-repaired": "the moved prior intersects itself and was repaired",
-    "thin-gap-repaired": "walls closer than the grid resolves were repaired",
     "mesh-differs": "the mesh has another topology than the moved prior",
     "parts-lost": "parts of the moved prior are missing in the mesh",
     # the end of a run

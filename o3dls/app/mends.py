@@ -53,7 +53,6 @@ MENDS: Mapping[str, Mend] = {
     "outdated-amplitudes": Mend("fuse all points anew", FUSE),
     "topology-changed": Mend("if the part is right as it was, leave topology out of the own pipeline", FUSE),
     "self-intersection-repaired": Mend("bring a prior that does not intersect itself there", BRING),
-    "thin-gap-repaired": Mend("a smaller level_set.spacing in the own pipeline", FUSE),
     "mesh-differs": Mend("a smaller level_set.spacing in the own pipeline", FUSE),
     "parts-lost": Mend("a smaller level_set.spacing in the own pipeline", FUSE),
     "stage-rejected": Mend("nothing; the earlier estimate is the result"),

@@ -1,4 +1,4 @@
-"""The level set of a surface; of one that runs into itself, closed, joined or cut until it is whole."""
+"""The level set of a surface that runs into itself, closed, joined or cut until it is whole."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from .grid.operators import without_islands
 from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
 
-COARSE = "walls are closer than the grid resolves"
-
 Crossing = Callable[[Surface], NDArray[np.bool_]]
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
@@ -28,19 +26,18 @@ Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 def whole_level_set(
     surface: Surface, spacing: float, unit: str, *, mesh: Mesher, crossing: Crossing
 ) -> tuple[SignedDistance, tuple[RunWarning, ...]]:
-    """Return the signed distance of a closed surface on a lattice of a spacing, whose mesh has the surface's
-    topology; and a warning where that took a repair.
+    """Return the signed distance of a closed surface that runs into itself, on a lattice of a spacing, whose
+    mesh has the surface's topology; and a warning where that took a repair.
 
     unit: of lengths in sentences; mesh: what will mesh phi, since methods cut cells of ambiguous signs
     differently, and it is the mesh that has to be whole; crossing: which faces (m,) of a surface cut through
     others. Where no repair makes it whole, it is united: what it encloses twice is inside.
     """
     kind = components_and_euler(surface.vertices, surface.faces)
-    crossing = cache(crossing)
     repair = Repair(spacing, kind, crossing, LatticeSettings(), mesh)
     for attempt in repair.attempts(surface):
         if components_and_euler(*mesh(attempt.phi)) == kind:
-            return attempt.phi, _warn_of_repair(attempt, surface, crossing, unit)
+            return attempt.phi, _warn_of_repair(attempt, unit)
     return repair.united(surface), ()
 
 
@@ -152,16 +149,12 @@ class Repair:
         return replace(grown, phi=grown.phi + radius)
 
 
-def _warn_of_repair(
-    attempt: Attempt, surface: Surface, crossing: Crossing, unit: str
-) -> tuple[RunWarning, ...]:
+def _warn_of_repair(attempt: Attempt, unit: str) -> tuple[RunWarning, ...]:
     """Warn of how a level set was repaired; nothing was done where there is no warning."""
     done = list(attempt.done)
     if attempt.closing > 0.0:
         done.insert(0, f"gaps narrower than {2.0 * attempt.closing:g} {unit} were closed")
     if not done:
         return ()
-    if crossing(surface).any():  # this test takes time, so it is made only here
-        intersects = f"the moved prior intersects itself: {', '.join(done)}"
-        return (RunWarning("self-intersection-repaired", intersects),)
-    return (RunWarning("thin-gap-repaired", f"{COARSE}: {', '.join(done)}; try a smaller spacing"),)
+    sentence = f"the moved prior intersects itself: {', '.join(done)}"
+    return (RunWarning("self-intersection-repaired", sentence),)

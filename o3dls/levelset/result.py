@@ -11,7 +11,7 @@ from ..geometry.components import component_areas, components_and_euler
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
 from .grid.distance import SignedDistance
-from .repair import COARSE, Crossing
+from .repair import Crossing
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,7 @@ class Result:
     fields: Callable[[Array], dict[str, Array]] | None = None  # values (n,) at places (n, d) of the wall
     exact: bool = False  # whether the wall is the zero set of phi, face by face
     unchanged: bool = False  # whether nothing was added to the moved prior
+    valid: bool = False  # whether the wall is a mesh that need not be made anew
     # whether components beside the largest belong to the result: those of the wall, or what the paper's
     # forces cut off
     islands: bool = False
@@ -57,7 +58,7 @@ class Result:
         why = (
             "it intersects itself, and walls were merged there"
             if crossing(self.wall).any()
-            else f"{COARSE}; try a smaller spacing"
+            else "walls are closer than the grid resolves; try a smaller spacing"
         )
         return (
             RunWarning(

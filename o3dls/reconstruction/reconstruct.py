@@ -89,9 +89,8 @@ def reconstruct(
     if believed_at_last is None:
         return None
     wall, sigma, contact = believed_at_last
-    # distances alone take what points share for a wall of the patient
-    doubted = believed.stretch is not None and not believed.template
-    if doubted and gain_of_wall(wall, points, prior, scale, settings) < 0.0:
+    # distances alone take what points share, or creases that noise rounds, for a wall of the patient
+    if not believed.template and gain_of_wall(wall, points, prior, scale, settings) < 0.0:
         return None
     touching = wall.of(wall.weights > 0.5)
     lengths = scale.wall_lengths(touching.noise, settings.splines)

@@ -1,5 +1,5 @@
 """Stage `level_set`: the moved prior as a narrow-band level set, reconstructed from the points where they ask
-for it, and meshed again.
+for it, and meshed again where it is not a valid mesh as it came.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .level_set_data import GivenPoints, estimate_of, given_points, meshed, with
 
 if TYPE_CHECKING:
     from ..levelset.result import Result
+    from ..run_warning import RunWarning
 
 FINER = (
     0.5  # of the spacing: a second lattice, where the first changed or lost something of a wall that stays
@@ -27,11 +28,13 @@ FINER = (
 
 
 class LevelSet(Stage):
-    """Turn the moved prior into a level set phi, reconstruct it where the points ask for it, and mesh its
-    zero set.
+    """Turn the moved prior into a level set phi, reconstruct it where the points ask for it, and mesh the
+    reconstruction.
 
     Where points show a wall that no motion reaches, phi is reconstructed from them; elsewhere, and always in
-    2D, it is the moved prior's signed distance. The motion stays.
+    2D, it is the moved prior's signed distance. If nothing is reconstructed, the surface is the moved prior,
+    vertex by vertex; only where that cuts through itself is it repaired on the lattice and meshed. The motion
+    stays.
     """
 
     name: ClassVar[str] = "level_set"
@@ -44,9 +47,12 @@ class LevelSet(Stage):
         "the moved prior does",
     )
     # a hundred leave no detail
-    smoothing: int = Field(default=3, ge=0, le=100, description="Taubin passes on the extracted mesh")
+    smoothing: int = Field(default=3, ge=0, le=100, description="Taubin passes on phi's mesh")
     keep: float = Field(
-        default=0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
+        default=0.5,
+        gt=0.0,
+        le=1.0,
+        description="fraction of the faces of phi's mesh that decimation keeps",
     )
 
     def mistake(self, case: Case) -> str | None:
@@ -90,11 +96,19 @@ class LevelSet(Stage):
         from ..adapters.self_intersections import crossing
         from ..geometry.components import components_and_euler
         from ..geometry.fold_repair import uncrossed
+        from ..levelset.grid.distance import signed_distance
         from ..levelset.repair import whole_level_set
         from ..levelset.result import Result
+        from ..levelset.settings import LatticeSettings
 
         surface = uncrossed(surface) if case.dimension == 2 else surface
-        phi, warnings = whole_level_set(surface, spacing, case.units, mesh=isosurface, crossing=crossing)
+        warnings: tuple[RunWarning, ...] = ()
+        valid = not crossing(surface).any()
+        if valid:
+            width = LatticeSettings().half_band * spacing
+            phi = signed_distance(surface.vertices, surface.faces, spacing, width)
+        else:
+            phi, warnings = whole_level_set(surface, spacing, case.units, mesh=isosurface, crossing=crossing)
         pieces, _ = components_and_euler(surface.vertices, surface.faces)
         why = "the points ask for no other wall" if asked else "no reconstruction was asked for"
         why = "outlines in the plane are not reconstructed" if case.dimension == 2 else why
@@ -107,6 +121,7 @@ class LevelSet(Stage):
             warnings=warnings,
             facts={"band_nodes": len(phi.band)},
             unchanged=True,
+            valid=valid,
             islands=pieces > 1,
         )
 

@@ -108,14 +108,17 @@ def _off_surface(case: Case, surface: Surface, *, template: bool) -> GivenPoints
 
 
 def meshed(reached: Result, spacing: float, smoothing: int, keep: float) -> tuple[Result, Extraction]:
-    """Return the mesh of what was reached, and its phi as a distance everywhere.
+    """Return the mesh of what was reached, and its phi as a distance everywhere; a wall that is a valid mesh
+    stays as it is.
 
     smoothing: Taubin passes; keep: fraction of the isosurface's faces that decimation keeps.
     """
-    from ..adapters.meshing import extract, isosurface
+    from ..adapters.meshing import Extraction, extract, isosurface
     from ..levelset.grid.distance import signed_distance
     from ..levelset.settings import LatticeSettings
 
+    if reached.valid:
+        return reached, Extraction(reached.wall, 0.0, 0.0, len(reached.wall.faces))
     raw = reached.wall if reached.exact else None
     mesh = extract(
         reached.phi,
@@ -125,13 +128,8 @@ def meshed(reached: Result, spacing: float, smoothing: int, keep: float) -> tupl
         smallest=reached.smallest,
         raw=raw,
     )
-    wall, width = reached.wall, LatticeSettings().half_band * spacing
-    # a polyline needs no repair, and a grid would cut its tips
-    if wall.dimension == 2 and reached.unchanged:
-        phi = signed_distance(wall.vertices, wall.faces, spacing, width)
-        return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
     if reached.warnings and not reached.exact:  # phi is no distance where gaps were closed or parts cut
-        width = max(width, reached.phi.band.width)
+        width = max(LatticeSettings().half_band * spacing, reached.phi.band.width)
         reached = replace(reached, phi=signed_distance(*isosurface(reached.phi), spacing, width))
     return reached, mesh
 
@@ -141,7 +139,8 @@ def estimate_of(start: Estimate, reached: Result, mesh: Extraction) -> Estimate:
     from ..adapters.meshing import carry_fields
 
     shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
-    surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
+    source = reached.wall if reached.fields is None else start.surface
+    surface = source if reached.valid else carry_fields(source, mesh.surface)
     if reached.fields is not None:
         surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
     changes = [*start.facts.get("changes", []), *reached.facts.get("changes", [])]

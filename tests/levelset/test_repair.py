@@ -140,8 +140,8 @@ def test_it_is_the_mesh_that_has_to_be_whole(
 
     phi, (warning,) = run(ball, mesh=handled_first)
     assert phi is seen[-1]
-    assert warning.code == "thin-gap-repaired"
-    assert warning.sentence.endswith(f": {said}; try a smaller spacing")
+    assert warning.code == "self-intersection-repaired"
+    assert warning.sentence == f"the moved prior intersects itself: {said}"
 
 
 def test_topology_counts_pieces_and_handles() -> None:

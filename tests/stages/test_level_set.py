@@ -39,22 +39,32 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.motion is start.motion
     assert found.fit is start.fit
     assert found.weights is start.weights
-    assert distances(prior.vertices, found.surface).mean() < 0.02  # half a chord's height at 1 mm
-    assert distances(found.surface.vertices, prior).max() < 0.3
-    assert found.surface.watertight
+    np.testing.assert_array_equal(found.surface.vertices, prior.vertices)
+    np.testing.assert_array_equal(found.surface.faces, prior.faces)
     assert found.sigma == pytest.approx(1.0)
     assert found.T_map_prior is start.T_map_prior
     assert (found.surface.fields["correction_mm"] == 0.0).all()
     assert found.surface.fields["sd_mm"] == pytest.approx(1.0)
     assert found.facts["changes"] == []
+    assert found.facts["meshing_shift_max"] == 0.0
     assert found.phi.band.spacing == 1.0
+    outline = Surface(*zero_set(found.phi.band, found.phi.phi))
+    assert distances(outline.vertices, prior).max() < 0.3
+
+
+def folded(surface: Surface) -> Surface:
+    """The surface with its top pushed sideways, under the wall beside it, so that it cuts through itself."""
+    top = surface.vertices[:, 2] > surface.vertices[:, 2].max() - 1.0
+    pushed = surface.with_vertices(surface.vertices + np.where(top[:, None], [2.5, 0.0, -0.8], 0.0))
+    assert self_intersections(pushed) > 0
+    return pushed
 
 
 def test_a_wall_whose_topology_the_lattice_changed_is_meshed_by_a_finer_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Walls that a lattice of 1 mm joins have shapes of patients: here it is told to give a torus."""
-    prior = meshed(ball_with_tube, 34.0)
+    prior = folded(meshed(ball_with_tube, 34.0))
     case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
     plain = LevelSet()(case, start)
     torus = trimesh.creation.torus(16.0, 5.0)
@@ -71,7 +81,7 @@ def test_a_wall_whose_topology_the_lattice_changed_is_meshed_by_a_finer_one(
         found = LevelSet()(case, start)
     assert spacings == [1.0, 0.5]
     assert found.phi.band.spacing == 0.5
-    assert found.warnings == ()
+    assert found.warnings == plain.warnings
     assert components_and_euler(found.surface.vertices, found.surface.faces) == (1, 2)
     assert len(found.surface.faces) == pytest.approx(len(plain.surface.faces), rel=0.1)
     assert distances(found.surface.vertices, prior).max() < 0.3
@@ -118,16 +128,25 @@ def flanged(points: Array) -> Array:
     return np.minimum(round_distance(6.0)(points), flange)
 
 
-def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
+def test_a_valid_part_too_thin_for_the_lattice_stays() -> None:
     prior = meshed(flanged, 12.0, 0.3)
+    found = LevelSet()(*started(prior, sampled(prior, 100, 0.5, SEED), 0.5))
+    np.testing.assert_array_equal(found.surface.vertices, prior.vertices)
+    assert found.warnings == ()
+
+
+def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
+    """A prior that cuts through itself has to be meshed anew."""
+    prior = folded(meshed(flanged, 12.0, 0.3))
     case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5)
     coarse = LevelSet()(case, start)
     fine = LevelSet(spacing=0.4)(case, start)
-    (warning,) = coarse.warnings
-    assert warning.code == "parts-lost"
-    assert re.match(r"parts of the moved prior, up to [45](\.\d)? mm from the mesh", warning.sentence)
-    assert fine.warnings == ()
-    assert distances(prior.vertices, fine.surface).max() < 0.5
+    lost = [warning.sentence for warning in coarse.warnings if warning.code == "parts-lost"]
+    assert len(lost) == 1
+    assert re.match(r"parts of the moved prior, up to [45](\.\d)? mm from the mesh", lost[0])
+    flange = prior.vertices[np.linalg.norm(prior.vertices[:, :2], axis=1) > 8.0]
+    assert distances(flange, coarse.surface).max() > 2.0
+    assert distances(flange, fine.surface).max() < 0.5
 
 
 def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
@@ -177,7 +196,7 @@ def test_points_known_to_be_inside_are_not_on_the_wall(fitted: bool) -> None:
 
 
 def test_halved_spacing_is_no_worse() -> None:
-    prior = meshed(ball_with_tube, 34.0, 0.5)
+    prior = folded(meshed(ball_with_tube, 34.0, 0.5))
     case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
     errors = [distances(prior.vertices, LevelSet(spacing=h)(case, start).surface).mean() for h in (2.0, 1.0)]
     assert errors[1] < 0.5 * errors[0]
@@ -187,8 +206,9 @@ def test_phi_is_a_distance_where_walls_were_made_whole_too(monkeypatch: pytest.M
     prior = meshed(round_distance(14.0), 18.0)
     case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5, fitted=False)
     reached = LevelSet()._moved_prior(case, start.surface, 1.0, asked=True)
-    repaired = RunWarning("thin-gap-repaired", "islands were removed")
-    cut = replace(reached, phi=replace(reached.phi, phi=3.0 * reached.phi.phi), warnings=(repaired,))
+    repaired = RunWarning("self-intersection-repaired", "islands were removed")
+    stretched = replace(reached.phi, phi=3.0 * reached.phi.phi)
+    cut = replace(reached, phi=stretched, warnings=(repaired,), valid=False)
     monkeypatch.setattr(LevelSet, "_moved_prior", lambda *_, **__: cut)
     found = LevelSet()(case, start)
     assert found.warnings == cut.warnings
@@ -199,10 +219,7 @@ def test_folded_prior_comes_out_without_folds() -> None:
     from o3dls.evaluation.validity import validity
 
     ball = meshed(round_distance(14.0), 18.0)
-    pole = ball.vertices[:, 2] > 13.0
-    folded = ball.with_vertices(ball.vertices + np.where(pole[:, None], [2.5, 0.0, -0.8], 0.0))
-    assert validity(folded, ball)["self_intersections"] > 0
-    case, start = started(folded, sampled(ball, 200, 1.0, SEED), 1.0)
+    case, start = started(folded(ball), sampled(ball, 200, 1.0, SEED), 1.0)
     found = validity(LevelSet()(case, start).surface, ball)
     assert (found["components"], found["euler"], found["self_intersections"]) == (1, 2, 0)
 
@@ -221,11 +238,11 @@ def test_parameters_are_checked(given: dict[str, float], said: str) -> None:
 
 
 def test_no_surface_at_all_is_an_error() -> None:
-    """A prior thinner than the lattice has no node inside."""
+    """A prior thinner than the lattice encloses nothing."""
     prior = meshed(round_distance(16.0), 20.0)
     thin = prior.with_vertices(prior.vertices * [1.0, 1.0, 1e-4] + [0.0, 0.0, 0.5])
     case, start = started(thin, sampled(thin, 100, 0.1, SEED), 0.1)
-    with pytest.raises(SolverError, match="no surface"):
+    with pytest.raises(SolverError, match="the surface shrank to nothing"):
         LevelSet()(case, start)
 
 
@@ -243,7 +260,7 @@ def test_lengths_that_are_not_in_mm_are_refused(factor: float, said: str) -> Non
 
 
 def test_a_mesh_that_is_no_likeness_of_its_level_set_is_an_error() -> None:
-    prior = meshed(round_distance(16.0), 20.0)
+    prior = folded(meshed(round_distance(16.0), 20.0))
     case, start = started(prior, sampled(prior, 100, 0.1, SEED), 0.1)
     with pytest.raises(SolverError, match=r"encloses \d+% less .* keep above 1e-09 may help"):
         LevelSet(keep=1e-9)(case, start)

@@ -56,11 +56,20 @@ class PointDensity:
         if not near.n or not len(places):
             return 0.0
         whole = areas[_are_within_reach(reach, around, places)].sum()
-        pairs = near.sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
-        heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / self.sigma) ** 2)
-        summed = np.bincount(pairs["i"], heights, minlength=near.n)
-        density = summed / ((2.0 * np.pi) ** 1.5 * self.sigma**3) + self.settings.floor / self.sigma
-        return float(np.log(density / whole).sum())
+        return log_density(near, np.full(near.n, self.sigma), wall, whole, self.settings)
+
+
+def log_density(points: KDTree, noise: Array, wall: Surface, whole: float, settings: HandleSettings) -> float:
+    """Return the log density of points (k) with noise (k,) that come evenly from a wall, of which an area
+    `whole` counts; the centres of its faces stand for them.
+    """
+    places, areas = wall.vertices[wall.faces].mean(axis=1), wall.face_areas
+    reach = settings.reach * float(np.median(noise))
+    pairs = points.sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
+    heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / noise[pairs["i"]]) ** 2)
+    summed = np.bincount(pairs["i"], heights, minlength=points.n)
+    density = summed / ((2.0 * np.pi) ** 1.5 * noise**3) + settings.floor / noise
+    return float(np.log(density / whole).sum())
 
 
 def _are_within_reach(reach: float, nodes: KDTree, places: Array) -> Mask:

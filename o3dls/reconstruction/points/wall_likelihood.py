@@ -1,8 +1,8 @@
 """How much likelier a wall that points show is than the moved prior's: by other points, and their density.
 
 Distances from the wall that neighbours make are small where neighbours share an error, and where noise is as
-long as the wall bends: points near a crease agree on a rounder wall. The density of other points that come
-from a wall evenly, with noise, knows both.
+long as the wall bends: points near a crease agree on a rounder wall. The density of other points, which come
+from a wall evenly and with noise, tells both.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ..field.splines import SplineField
 from ..neighbours import SEED
 from ..settings import ReconstructionSettings
 from ..shape_settings import HandleSettings
+from .point_density import log_density
 
 
 def gain_of_wall(
@@ -76,13 +77,9 @@ def _vertices_on_wall(surface: Surface, prior: MovedPrior, field: SplineField, s
     return places
 
 
-def _log_likelihood(points: Array, noise: Array, wall: Surface, chosen: HandleSettings) -> float:
+def _log_likelihood(points: Array, noise: Array, wall: Surface, settings: HandleSettings) -> float:
     """Return the log density of points (k, 3) with noise (k,) that come from the wall near them, evenly."""
-    places, areas = wall.vertices[wall.faces].mean(axis=1), wall.face_areas
-    reach = chosen.reach * float(np.median(noise))
     near = KDTree(points)
-    whole = areas[near.query(places, distance_upper_bound=reach)[0] < reach].sum()
-    pairs = near.sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
-    heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / noise[pairs["i"]]) ** 2)
-    summed = np.bincount(pairs["i"], heights, minlength=len(points)) / (2.0 * np.pi) ** 1.5
-    return float(np.log((summed + chosen.floor) / (noise**3 * whole)).sum())
+    places, reach = wall.vertices[wall.faces].mean(axis=1), settings.reach * float(np.median(noise))
+    counts = near.query(places, distance_upper_bound=reach)[0] < reach
+    return log_density(near, noise, wall, wall.face_areas[counts].sum(), settings)
