@@ -28,7 +28,7 @@ from .field.spline_fit import Scale, distance_over, fitted, phi_at, turned_along
 from .field.splines import SplineField
 from .neighbours import nearest
 from .points.believed import Believed, Inside
-from .points.left_out import clusters_believed, gain_off_prior, left_out_distances
+from .points.left_out import gain_off_prior, left_out_distances
 from .points.orientation import planes, turned_outward
 from .points.wall_likelihood import gain_of_wall
 from .settings import ReconstructionSettings
@@ -71,10 +71,9 @@ def reconstruct(
     else:
         believed = _take_off_bias(believed, prior, settings)
     given = _Given(believed, prior, scale, settings)
-    weights = clusters_believed(believed.points, believed.weights, prior, scale.between, settings)
-    if not given.enough(weights):
+    if not given.enough(believed.weights):
         return None
-    wall = oriented_by_others(believed.points, believed.noise, weights, prior, settings)
+    wall = oriented_by_others(believed.points, believed.noise, believed.weights, prior, settings)
     if believed.stretch is not None:  # points of one stretch of the order share errors
         wall = replace(wall, stretch=believed.stretch)
     if len(np.unique(wall.stretch)) < settings.folds:  # none can be predicted by others
@@ -147,21 +146,15 @@ def _who_touches(
     the mixture; None where too few are left.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
-    sigma, weights = float(np.median(noise)), wall.weights
-    for _ in range(settings.rounds):
-        touching = wall.of(wall.weights > 0.5)
-        lengths = scale.lengths(touching.noise, settings.splines)
-        field = fitted(touching, prior, scale, settings, lengths)
-        fit = distance_over(wall, prior, field)
-        factor, apart = _estimate_noise(fit, residual, noise, weights)
-        sigma = factor * float(np.median(noise))
-        variance = (factor * noise) ** 2 + apart
-        weights, contact = update_contact(residual, variance, given.believed.odds, contact)
-        if not given.enough(weights):
-            return None
-        wall = oriented_by_others(given.believed.points, factor * noise, weights, prior, settings, wall)
-        residual = left_out_distances(wall, prior, scale, settings)
-    return wall, sigma, contact
+    touching = wall.of(wall.weights > 0.5)
+    field = fitted(touching, prior, scale, settings, scale.lengths(touching.noise, settings.splines))
+    factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, wall.weights)
+    noise = factor * noise
+    weights, contact = update_contact(residual, noise**2 + apart, given.believed.odds, contact)
+    if not given.enough(weights):
+        return None
+    wall = oriented_by_others(given.believed.points, noise, weights, prior, settings, wall)
+    return wall, float(np.median(noise)), contact
 
 
 def _follow_points(
@@ -225,13 +218,10 @@ def oriented_by_others(
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]
     heights = ((points - found.middles) * normals).sum(axis=1)
-    # a point so far off the plane of the others lies on a wall that turns
-    turn = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / found.reach
-    tilt = np.hypot(turn, found.tilt)
     amplitude = np.zeros(len(points)) if before is None else before.amplitude
     stretch = np.arange(len(points)) if before is None else before.stretch
     feet = points - heights[:, None] * normals
-    return Oriented(feet, heights, normals, tilt, found.flat, noise, weights, amplitude, stretch)
+    return Oriented(feet, heights, normals, found.tilt, found.flat, noise, weights, amplitude, stretch)
 
 
 def _estimate_noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

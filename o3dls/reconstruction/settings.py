@@ -55,9 +55,6 @@ class SplineSettings:
         "distances between points",
         "distance to a point on the wall in front below which a point inside floats",
     )
-    sparse: float = number(
-        4.0, "medians", "area of wall per point above which points inside the moved prior float"
-    )
     offset_sd: float = number(0.35, "offsets", "uncertainty of the distance at an offset place")
     offset_clear: float = number(
         0.7, "offsets", "distance that an offset place must have from the nearest point"
@@ -91,11 +88,6 @@ class NormalSettings:
         "smallest over middle variance of neighbours below which their normal can show another wall",
     )
     most_tilt: float = number(1.5, "rad", "largest deviation of a normal: such a one says nothing")
-    height_noise: float = number(
-        1.4,
-        "noise levels",
-        "height off the plane of the others above which a point shows that the wall turns",
-    )
     tree_neighbours: int = number(
         12, "points", "nearest points with whose normals a point's own may be made to agree"
     )
@@ -183,28 +175,18 @@ class ReconstructionSettings:
         100_000, "faces", "faces above which that wall is not divided further to be finer than the noise"
     )
     most_training: int = number(2000, "points", "most points that predict the others")
-    rounds: int = number(3, "", "rounds of finding which points touch the wall")
     turns: int = number(1, "", "times that normals are turned to those of phi")
     rounds_inside: int = number(3, "", "most rounds of adding points that are known to be inside")
-    cluster: int = number(6, "points", "points that together may be a wall that the motion did not believe")
-    cluster_reach: float = number(1.5, "distances between points", "distance between neighbours in a cluster")
-    covered: float = number(
-        0.5, "1", "share of a cluster in front of wall with its own points, above which it is no wall"
-    )
-    cluster_weight: float = number(0.9, "1", "first probability that a believed cluster touches the wall")
     around: float = number(
         0.8, "clips", "distance from a point within which phi is computed, though far off the moved prior"
     )
     around_between: float = number(
         1.2, "distances between points", "smallest distance from a point within which phi is computed"
     )
-    bare: float = number(
-        0.3, "clips", "distance outside the moved prior beyond which the inside needs points around it"
-    )
     bare_between: float = number(
         1.5,
         "distances between points",
-        "distance to the nearest point beyond which wall is bare and the field fades",
+        "distance to the nearest point beyond which the field fades",
     )
     fading: float = number(
         1.0, "clips", "length, beyond `bare_between`, over which the field fades to the moved prior"

@@ -25,9 +25,6 @@ class SurplusSettings:
     covered: float = number(
         0.05, "1", "cost of new wall with points, over that of new wall, or wall, without"
     )
-    sac: float = number(
-        0.3, "1", "cost of keeping wall without points in the search for sacs, which hang on narrow necks"
-    )
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(1.0, "points", "points that a part must have room for before it can lack them")
     most: float = number(0.16, "1", "largest share of the wall in all surplus parts: more was not visited")
@@ -43,7 +40,7 @@ class SurplusSettings:
     elsewhere: float = number(
         0.09,
         "1",
-        "share of other wall without points, beyond chance and sacs, below which nothing is unmapped",
+        "share of other wall without points, beyond chance, below which nothing is unmapped",
     )
     fringe: float = number(
         0.8,

@@ -62,10 +62,7 @@ class Topology(Stage):
             return _keep_topology(
                 start, f"of more than {self.most_points} points level_set reconstructs the wall"
             )
-        usual = TopologySettings()
-        settings = replace(usual, evidence=self.evidence, most_changes=self.most_changes)
-        if case.prior_of == "patient":  # a patient's own parts are there, whether touched or not
-            settings = replace(settings, cuts=replace(usual.cuts, untouched=0.0))
+        settings = TopologySettings(evidence=self.evidence, most_changes=self.most_changes)
         fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)
         if changes:
             return _change_topology(case, start, fit, changes)

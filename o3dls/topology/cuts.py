@@ -138,14 +138,12 @@ def _find_cut(part: Part, measured: Measured, settings: CutSettings) -> Iterator
         return
     above = np.where(shares > 0.0, part.outside - _cut_level(height, shares), -band.spacing)
     lost = part.core & (above > 0.0)
-    nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    rarity = 0.0 if nearby else -settings.untouched
     yield Change(
         True,
         region,
-        float(best.sum()) - rarity,
-        rarity,
+        float(best.sum()),
+        0.0,
         0.0,
         witnesses,
         measured.points[deep],

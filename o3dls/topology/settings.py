@@ -41,11 +41,6 @@ class CutSettings:
         0.5, "nats", "gain from which a point supports a cut: the new wall explains it so much better"
     )
     trial_step: float = number(0.5, "noise levels", "step between the heights at which a cut is tried")
-    untouched: float = number(
-        1.5,
-        "nats",
-        "evidence against a part without a single point: one wall in five is never touched anyway",
-    )
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Ma
 
 def floating(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> Mask:
     """Return which points (n,) inside the moved prior show no wall, many as they may be: the wall in front of
-    them has points of its own, or they lie sparser than points of a wall do.
+    them has points of its own.
     """
     return _find_floating(wall, _find_off_wall(wall, prior, settings), prior, settings)
 
@@ -102,18 +102,13 @@ def _find_off_wall(wall: Oriented, prior: MovedPrior, settings: SplineSettings) 
 
 
 def _find_floating(wall: Oriented, apart: Mask, prior: MovedPrior, settings: SplineSettings) -> Mask:
-    believed = wall.weights > 0.5
     rows = np.flatnonzero(apart & (prior.at(wall.points) < 0.0))
-    on_prior = wall.feet[believed & ~apart]
+    on_prior = wall.feet[(wall.weights > 0.5) & ~apart]
     floats = np.zeros(len(apart), dtype=bool)
     if len(rows) and len(on_prior):
         at = wall.points[rows]
         between = np.sqrt(prior.surface.area / len(apart))
-        covered = KDTree(on_prior).query(prior.tree.query(at)[2])[0] < settings.covered * between
-        others = KDTree(wall.points[believed])
-        gap = others.query(wall.points[believed], k=[NEAREST + 1])[0]
-        sparse_ones = others.query(at, k=[NEAREST + 1])[0] > np.sqrt(settings.sparse) * np.median(gap)
-        floats[rows] = covered | sparse_ones[:, 0]
+        floats[rows] = KDTree(on_prior).query(prior.tree.query(at)[2])[0] < settings.covered * between
     return floats
 
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from ...arrays import Array
 from ...noise.contact import Contact, contact_density
@@ -16,32 +13,6 @@ from ..field.moved_prior import MovedPrior
 from ..field.spline_fit import Scale, distance_over, fitted
 from ..neighbours import SEED
 from ..settings import ReconstructionSettings
-
-
-def clusters_believed(
-    points: Array, weights: Array, prior: MovedPrior, between: float, settings: ReconstructionSettings
-) -> Array:
-    """Return the probabilities of contact (n,) to begin with: those of the motion, but that clusters of
-    doubted points are believed.
-
-    A cluster is a wall that the moved prior does not reach, unless the prior's wall in front of it has points
-    of its own: then it belongs to something else, as to another chamber.
-    """
-    doubted = np.flatnonzero(weights < 0.5)
-    believed = weights >= 0.5
-    if len(doubted) < settings.cluster or not believed.any():
-        return weights
-    reach = settings.cluster_reach * between
-    pairs = KDTree(points[doubted]).query_pairs(reach, output_type="ndarray")
-    links = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(len(doubted), len(doubted)))
-    _, cluster = connected_components(links, directed=False)
-    feet = prior.tree.query(points[doubted])[2]
-    covered = KDTree(points[believed]).query(feet)[0] < reach
-    number = np.bincount(cluster)
-    wall = (number >= settings.cluster) & (np.bincount(cluster, covered) < settings.covered * number)
-    found = weights.copy()
-    found[doubted[wall[cluster]]] = settings.cluster_weight
-    return found
 
 
 def left_out_distances(

@@ -21,13 +21,12 @@ from .dipoles import DipolePlaces, cells
 @dataclass(frozen=True, eq=False)
 class Planes:
     """Planes through the neighbours of points have unit normals (n, 3), of either side, a place (n, 3) on
-    each, the neighbours' mean distance (n,) from there, the standard deviation (n,) of each normal in radians
-    that the neighbours' scatter leaves, and whether (n,) the neighbours lie in a plane at all.
+    each, the standard deviation (n,) of each normal in radians that the neighbours' scatter leaves, and
+    whether (n,) the neighbours lie in a plane at all.
     """
 
     normals: Array
     middles: Array
-    reach: Array
     tilt: Array
     flat: Mask
 
@@ -48,14 +47,13 @@ def planes(points: Array, believed: Mask, radius: float, settings: NormalSetting
     apart = at - middle[:, None, :]
     spread = np.einsum("nk,nka,nkb->nab", weight, apart, apart)
     squares, axes = np.linalg.eigh(spread)
-    reach = np.sqrt(squares.sum(axis=1) / weight.sum(axis=1))
     thick, narrow = squares[:, 0], squares[:, 1]
     along = np.einsum("nka,na->nk", apart, axes[:, :, 1])
     pull = ((weight * along) ** 2).sum(axis=1) / weight.sum(axis=1)
     # the first-order deviation of an eigenvector; where two directions scatter alike there is no normal
     tilt = np.sqrt(thick * pull) / np.maximum(narrow - thick, ROUNDING)
     flat = thick <= settings.flat * narrow
-    return Planes(axes[:, :, 0], middle, reach, np.minimum(tilt, settings.most_tilt), flat)
+    return Planes(axes[:, :, 0], middle, np.minimum(tilt, settings.most_tilt), flat)
 
 
 def _thin_points(points: Array, width: float) -> Ints:

@@ -157,11 +157,6 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     least = LatticeSettings().least_outside * prior.spacing
     ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)
     phi[ends] = np.maximum(phi[ends], least)
-    # what is open to the outside has no wall: neither points nor the moved prior bound it
-    bare = (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > alone)
-    if bare.any():
-        open_parts, _ = label((phi >= 0.0) | bare)
-        phi[bare & (open_parts == open_parts[0, 0, 0])] = least
     return phi
 
 

@@ -55,12 +55,11 @@ def surplus(
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _describe_inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
-    sacs = _find_bare_parts(inside, settings.sac, room, settings)
-    other = inside.wall & ~inside.near & ~_unite_parts(sacs, inside)
+    parts = _find_bare_parts(inside, room, settings)
+    other = inside.wall & ~inside.near & ~_unite_parts(parts, inside)
     by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
-    parts = _find_bare_parts(inside, 1.0, room, settings)
     if (inside.wall & _unite_parts(parts, inside)).sum() > settings.most * inside.wall.sum():
         parts = []  # no heart lacks so much of another: more likely the catheter was never there
     elif not (whole and even):
@@ -71,16 +70,14 @@ def surplus(
     return mask, room * float((inside.wall & _unite_parts(parts, inside)).sum())
 
 
-def _find_bare_parts(
-    inside: _Inside, unsupported: float, room: float, settings: SurplusSettings
-) -> list[Mask]:
-    """Find the parts (n,) that lack points, cut off where wall without points costs `unsupported`."""
+def _find_bare_parts(inside: _Inside, room: float, settings: SurplusSettings) -> list[Mask]:
+    """Find the parts (n,) that lack points, cut off by a minimum cut."""
     bare = (inside.wall & ~inside.near).sum()
     # even all of it in one part would not be enough
     if room * bare <= (1.0 - settings.supported) * settings.expected:
         return []
     far = np.zeros(inside.mask.shape, dtype=bool)
-    far[inside.mask] = _cut_minimally(inside, unsupported, settings)
+    far[inside.mask] = _cut_minimally(inside, settings)
     labels, count = label(far)
     parts = [labels[inside.mask] == k for k in range(1, count + 1)]
     return [
@@ -155,7 +152,7 @@ def _closed_share(mine: Mask, inside: _Inside) -> float:
     return float(inside.covered[mouth].mean()) if mouth.any() else 1.0
 
 
-def _cut_minimally(inside: _Inside, unsupported: float, settings: SurplusSettings) -> Mask:
+def _cut_minimally(inside: _Inside, settings: SurplusSettings) -> Mask:
     """Return the nodes (n,) on the far side of the minimum cut between wall with points and wall
     without any.
     """
@@ -168,7 +165,7 @@ def _cut_minimally(inside: _Inside, unsupported: float, settings: SurplusSetting
     on, off = np.flatnonzero(inside.wall & inside.near), np.flatnonzero(inside.wall & ~inside.near)
     first = np.concatenate([rows, np.full(len(on), source), off])
     last = np.concatenate([there, on, np.full(len(off), sink)])
-    capacity = np.concatenate([through, np.full(len(on), settings.support), np.full(len(off), unsupported)])
+    capacity = np.concatenate([through, np.full(len(on), settings.support), np.ones(len(off))])
     whole = (UNITS * capacity).astype(np.int32)
     # the flow is sought backwards: from where little can flow it takes a fifth of the time
     graph = sparse.csr_array((whole, (last, first)), shape=(count + 2, count + 2))
