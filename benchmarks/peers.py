@@ -8,7 +8,8 @@ the first case of a group, the best quarter on the others. The lowest mean symme
 wins, and is written to benchmarks/tuned.json with the number of settings tried: about an hour for all groups.
 Real cases are tuned on themselves, in the peers' favour. Make development cases (seeds below 1000) as `python
 -m benchmarks.accuracy --help` shows. Crossed atria share one setting per number of points (`cross_250`,
-whatever the noise), families one per name and strength (`family_flow_1`).
+whatever the noise; clustered maps with 2 mm of noise and outliers have their own), families one per name and
+strength (`family_flow_1`).
 """
 
 from __future__ import annotations

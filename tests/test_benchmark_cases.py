@@ -29,6 +29,12 @@ from benchmarks.cases import find, tuned_as
             "badly_segmented_250_clustered",
             "badly_segmented_250_clustered",
         ),
+        ("cross_250_2_even_2101", "cross_250_2_even", "cross_250"),
+        (
+            "cross_250_2_clustered_outliers_2101",
+            "cross_250_2_clustered_outliers",
+            "cross_250_2_clustered_outliers",
+        ),
         ("crowd_1000_3301", "crowd_1000", "crowd_1000"),
         ("kit_mri_to_eam", "kit_mri_to_eam", "kit_mri_to_eam"),
     ],
