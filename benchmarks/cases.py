@@ -85,8 +85,8 @@ SEEDED = re.compile(
     r"|unvisited_[a-z]+_\d+_[a-z]+|whole_\d+_[a-z]+|(?:path|shuffled)_[a-z]+_\d+|(?:fold|crowd)_\d+"
     r"|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
-# groups that share one setting of the peers: crossed atria by number of points, but for the hardest, which have
-# their own; families by name and strength
+# groups that share one setting of the peers: crossed atria by number of points, but for the hardest, which
+# have their own; families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+(?!_2_clustered_outliers)|family_[a-z]+_[\d.]+)(?:_|$)")
 
 DEVELOPMENT = (

@@ -17,7 +17,7 @@ from benchmarks.cases import find, tuned_as
         ("la_17", "la", "la"),
         ("jar_03_2001", "jar_03", "jar_03"),
         ("cross_250_1_even_2101", "cross_250_1_even", "cross_250"),
-        ("cross_20000_2_clustered_outliers_2103", "cross_20000_2_clustered_outliers", "cross_20000"),
+        ("cross_20000_1_clustered_outliers_2103", "cross_20000_1_clustered_outliers", "cross_20000"),
         ("family_flow_1_landmarks_2301", "family_flow_1_landmarks", "family_flow_1"),
         ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
         ("whole_20000_clustered_3104", "whole_20000_clustered", "whole_20000_clustered"),
