@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .surface import Surface
+
+Faulty = Callable[[Surface], NDArray[np.bool_]]
 
 
 def flipped(surface: Surface) -> NDArray[np.bool_]:
@@ -20,27 +24,32 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
     return np.asarray(np.einsum("mcd,md->m", around, own) < 0.0)
 
 
-def relaxed(surface: Surface, rounds: int = 20) -> Surface:
+def relaxed(surface: Surface, faulty: Faulty = flipped, rounds: int = 20, rings: int = 1) -> Surface:
     """Return the surface with the corners of flipped faces moved to the mean of those around each until no
-    face is flipped, or for so many rounds; their neighbours too if that leaves a face flipped, and then that
-    of the two which has fewer.
+    face is flipped, or for so many rounds; up to so many rings of neighbours too if that leaves a face
+    flipped, and then the surface which has fewest.
+
+    faulty: which faces (m,) of a surface are to be relaxed, if others than the flipped ones.
     """
     # beside a cut, neighbours that move as well may turn over faces that were right
-    alone = _relax_corners(surface, rounds, rings=0)
-    left = flipped(alone).sum()
-    if left == 0:
-        return alone
-    wider = _relax_corners(surface, rounds, rings=1)
-    return wider if flipped(wider).sum() < left else alone
+    best, least = surface, np.inf
+    for wide in range(rings + 1):
+        found = _relax_corners(surface, faulty, rounds, wide)
+        left = faulty(found).sum()
+        if left < least:
+            best, least = found, left
+        if left == 0:
+            break
+    return best
 
 
-def _relax_corners(surface: Surface, rounds: int, rings: int) -> Surface:
-    """Move the corners of flipped faces, and so many rings of vertices about them."""
+def _relax_corners(surface: Surface, faulty: Faulty, rounds: int, rings: int) -> Surface:
+    """Move the corners of faulty faces, and so many rings of vertices about them."""
     faces, count = surface.faces, len(surface.vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()  # each edge of a closed mesh both ways
     number = np.maximum(np.bincount(start, minlength=count), 1)
     for _ in range(rounds):
-        bad = flipped(surface)
+        bad = faulty(surface)
         if not bad.any():
             break
         moved = np.zeros(count, dtype=bool)

@@ -1,4 +1,6 @@
-"""The level set of a surface that runs into itself, closed, joined or cut until it is whole."""
+"""A surface that runs into itself: relaxed where it does, or its level set closed, joined or cut until it is
+whole.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,15 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import components_and_euler
+from ..geometry.flipped_faces import relaxed
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
 from .grid.distance import SignedDistance, around_zero, signed_distance
 from .grid.operators import without_islands
 from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
+
+WIDEST = 2  # rings of vertices about a face that crosses: more would smooth a part, and mend no fold
 
 Crossing = Callable[[Surface], NDArray[np.bool_]]
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
@@ -39,6 +44,39 @@ def whole_level_set(
         if components_and_euler(*mesh(attempt.phi)) == kind:
             return attempt.phi, _warn_of_repair(attempt, unit)
     return repair.united(surface), ()
+
+
+def without_crossings(
+    surface: Surface, most: float, unit: str, crossing: Crossing
+) -> tuple[Surface, tuple[RunWarning, ...]] | None:
+    """Return a closed surface whose faces do not cross: itself, or, where a few do, with the vertices there
+    moved between their neighbours, and a warning that says so; None where that leaves faces that cross, or
+    moves a vertex by more than a length `most`.
+
+    unit: of lengths in sentences; crossing: which faces (m,) of a surface cut through others.
+    """
+    first = crossing(surface)
+    if not first.any():
+        return surface, ()
+    corners = surface.vertices[surface.faces]
+    low, high = corners[first].min(axis=(0, 1)) - 2.0 * most, corners[first].max(axis=(0, 1)) + 2.0 * most
+    # only faces near those can come to cross
+    near = np.flatnonzero(((corners > low) & (corners < high)).all(axis=2).any(axis=1))
+
+    def crossing_near(moved: Surface) -> NDArray[np.bool_]:
+        found = np.zeros(len(moved.faces), dtype=bool)
+        found[near] = crossing(replace(moved, faces=moved.faces[near], fields={}))
+        return found
+
+    after = relaxed(surface, crossing_near, rings=WIDEST)
+    shift = np.linalg.norm(after.vertices - surface.vertices, axis=1)
+    if shift.max() > most or crossing(after).any():
+        return None
+    sentence = (
+        f"the moved prior intersects itself: {np.count_nonzero(shift)} vertices were moved, "
+        f"up to {shift.max():.2g} {unit}"
+    )
+    return after, (RunWarning("self-intersection-repaired", sentence),)
 
 
 @dataclass(frozen=True, eq=False)

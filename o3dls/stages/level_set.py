@@ -15,12 +15,11 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.surface import Surface
 from ..plugins.stage import FINEST, Stage
-from .level_set_checks import SCALED, check_mesh, check_spacing, lost_parts, spacing_mistake
+from .level_set_checks import LOST, SCALED, check_mesh, check_spacing, lost_parts, spacing_mistake
 from .level_set_data import GivenPoints, estimate_of, given_points, meshed, with_existence
 
 if TYPE_CHECKING:
     from ..levelset.result import Result
-    from ..run_warning import RunWarning
 
 FINER = (
     0.5  # of the spacing: a second lattice, where the first changed or lost something of a wall that stays
@@ -97,14 +96,14 @@ class LevelSet(Stage):
         from ..geometry.components import components_and_euler
         from ..geometry.fold_repair import uncrossed
         from ..levelset.grid.distance import signed_distance
-        from ..levelset.repair import whole_level_set
+        from ..levelset.repair import whole_level_set, without_crossings
         from ..levelset.result import Result
         from ..levelset.settings import LatticeSettings
 
         surface = uncrossed(surface) if case.dimension == 2 else surface
-        warnings: tuple[RunWarning, ...] = ()
-        valid = not crossing(surface).any()
+        valid = without_crossings(surface, LOST * spacing, case.units, crossing)
         if valid:
+            surface, warnings = valid
             width = LatticeSettings().half_band * spacing
             phi = signed_distance(surface.vertices, surface.faces, spacing, width)
         else:
@@ -121,7 +120,7 @@ class LevelSet(Stage):
             warnings=warnings,
             facts={"band_nodes": len(phi.band)},
             unchanged=True,
-            valid=valid,
+            valid=valid is not None,
             islands=pieces > 1,
         )
 

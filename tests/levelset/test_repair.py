@@ -16,7 +16,7 @@ from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.repair import Mesher, Repair, whole_level_set
+from o3dls.levelset.repair import Mesher, Repair, whole_level_set, without_crossings
 from o3dls.levelset.settings import LatticeSettings
 from o3dls.run_warning import RunWarning
 
@@ -38,6 +38,40 @@ def test_a_surface_that_is_whole_gives_its_signed_distance(surface: Surface) -> 
     psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
     assert (phi.phi == psi.phi).all()
     assert warnings == ()
+
+
+def test_where_two_vertices_were_pushed_through_each_other_the_surface_is_relaxed_and_nowhere_else() -> None:
+    ball = meshed(round_distance(20.0), 24.0, 1.0)
+    pushed = int(ball.vertices[:, 2].argmax())
+    vertices = ball.vertices.copy()
+    beside = int(np.linalg.norm(vertices - vertices[pushed] - [0.8, 0.0, 0.0], axis=1).argmin())
+    vertices[pushed] += [1.6, 0.0, -0.6]
+    vertices[beside] -= [0.0, 0.0, 1.0]
+    found = without_crossings(ball.with_vertices(vertices), 2.0, "mm", crossing)
+    assert crossing(ball.with_vertices(vertices)).any()
+    assert found is not None
+    surface, (warning,) = found
+    assert not crossing(surface).any()
+    moved = (surface.vertices != vertices).any(axis=1)
+    assert 1 <= moved.sum() < 60
+    assert distances(vertices[moved], ball.with_vertices(vertices)).max() < 2.0
+    assert warning.sentence.startswith("the moved prior intersects itself: ")
+    assert warning.sentence.endswith(" mm")
+
+
+def test_a_surface_without_crossings_stays_as_it_is() -> None:
+    ball = meshed(round_distance(20.0), 24.0, 2.0)
+    assert without_crossings(ball, 2.0, "mm", crossing) == (ball, ())
+
+
+def test_walls_that_pass_through_each_other_are_not_relaxed_apart() -> None:
+    """Two balls of one mesh that overlap by a third of their size."""
+    ball = meshed(round_distance(12.0), 16.0, 1.0)
+    both = Surface(
+        np.vstack([ball.vertices, ball.vertices + np.array([16.0, 0.0, 0.0])]),
+        np.vstack([ball.faces, ball.faces + len(ball.vertices)]),
+    )
+    assert without_crossings(both, 2.0, "mm", crossing) is None
 
 
 def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> None:
