@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import components_and_euler
-from ..geometry.flipped_faces import relaxed
+from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
 from .grid.distance import SignedDistance, around_zero, signed_distance
@@ -24,7 +23,7 @@ from .settings import LatticeSettings
 
 WIDEST = 2  # rings of vertices about a face that crosses: more would smooth a part, and mend no fold
 
-Crossing = Callable[[Surface], NDArray[np.bool_]]
+Crossing = Callable[[Surface], Mask]
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
 
@@ -46,37 +45,50 @@ def whole_level_set(
     return repair.united(surface), ()
 
 
-def without_crossings(
-    surface: Surface, most: float, unit: str, crossing: Crossing
+def relaxed_in_place(
+    surface: Surface, flips: int, most: float, unit: str, crossing: Crossing
 ) -> tuple[Surface, tuple[RunWarning, ...]] | None:
-    """Return a closed surface whose faces do not cross: itself, or, where a few do, with the vertices there
-    moved between their neighbours, and a warning that says so; None where that leaves faces that cross, or
-    moves a vertex by more than a length `most`.
+    """Return a closed surface whose faces do not cross, and of which at most so many are flipped over:
+    itself, or, where a few do or are, with the vertices there moved between their neighbours, and a warning
+    where faces crossed; None where that leaves others, or moves a vertex by more than a length `most`.
 
-    unit: of lengths in sentences; crossing: which faces (m,) of a surface cut through others.
+    flips: how many flipped faces the prior had; unit: of lengths in sentences; crossing: which faces (m,) of
+    a surface cut through others.
     """
-    first = crossing(surface)
-    if not first.any():
+    crossed, folded = crossing(surface).any(), flipped(surface).sum() > flips
+    if not crossed and not folded:
         return surface, ()
-    corners = surface.vertices[surface.faces]
-    low, high = corners[first].min(axis=(0, 1)) - 2.0 * most, corners[first].max(axis=(0, 1)) + 2.0 * most
-    # only faces near those can come to cross
-    near = np.flatnonzero(((corners > low) & (corners < high)).all(axis=2).any(axis=1))
-
-    def crossing_near(moved: Surface) -> NDArray[np.bool_]:
-        found = np.zeros(len(moved.faces), dtype=bool)
-        found[near] = crossing(replace(moved, faces=moved.faces[near], fields={}))
-        return found
-
-    after = relaxed(surface, crossing_near, rings=WIDEST)
+    after = relaxed(surface, rings=WIDEST) if folded else surface
+    left = crossing(after)
+    if left.any():
+        after = relaxed(after, _faulty_near(after, left, most, crossing), rings=WIDEST)
+        left = crossing(after)
     shift = np.linalg.norm(after.vertices - surface.vertices, axis=1)
-    if shift.max() > most or crossing(after).any():
+    if shift.max() > most or left.any() or flipped(after).sum() > flips:
         return None
+    if not crossed:
+        return after, ()
     sentence = (
         f"the moved prior intersects itself: {np.count_nonzero(shift)} vertices were moved, "
         f"up to {shift.max():.2g} {unit}"
     )
     return after, (RunWarning("self-intersection-repaired", sentence),)
+
+
+def _faulty_near(surface: Surface, crossed: Mask, most: float, crossing: Crossing) -> Crossing:
+    """Return what finds flipped faces, and those that cross near the ones that do: only these can come to
+    cross while vertices move by less than a length.
+    """
+    corners = surface.vertices[surface.faces]
+    low, high = corners[crossed].min(axis=(0, 1)) - 2.0 * most, corners[crossed].max(axis=(0, 1)) + 2.0 * most
+    near = np.flatnonzero(((corners > low) & (corners < high)).all(axis=2).any(axis=1))
+
+    def faulty(moved: Surface) -> Mask:
+        found = flipped(moved)
+        found[near] |= crossing(replace(moved, faces=moved.faces[near], fields={}))
+        return found
+
+    return faulty
 
 
 @dataclass(frozen=True, eq=False)

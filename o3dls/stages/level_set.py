@@ -94,14 +94,17 @@ class LevelSet(Stage):
         from ..adapters.meshing import isosurface
         from ..adapters.self_intersections import crossing
         from ..geometry.components import components_and_euler
+        from ..geometry.flipped_faces import flipped
         from ..geometry.fold_repair import uncrossed
         from ..levelset.grid.distance import signed_distance
-        from ..levelset.repair import whole_level_set, without_crossings
+        from ..levelset.repair import relaxed_in_place, whole_level_set
         from ..levelset.result import Result
         from ..levelset.settings import LatticeSettings
 
         surface = uncrossed(surface) if case.dimension == 2 else surface
-        valid = without_crossings(surface, LOST * spacing, case.units, crossing)
+        valid = relaxed_in_place(
+            surface, int(flipped(case.prior).sum()), LOST * spacing, case.units, crossing
+        )
         if valid:
             surface, warnings = valid
             width = LatticeSettings().half_band * spacing

@@ -13,10 +13,11 @@ from o3dls.adapters.self_intersections import crossing
 from o3dls.arrays import Array, Ints
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
+from o3dls.geometry.flipped_faces import flipped
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.repair import Mesher, Repair, whole_level_set, without_crossings
+from o3dls.levelset.repair import Mesher, Repair, relaxed_in_place, whole_level_set
 from o3dls.levelset.settings import LatticeSettings
 from o3dls.run_warning import RunWarning
 
@@ -47,11 +48,12 @@ def test_where_two_vertices_were_pushed_through_each_other_the_surface_is_relaxe
     beside = int(np.linalg.norm(vertices - vertices[pushed] - [0.8, 0.0, 0.0], axis=1).argmin())
     vertices[pushed] += [1.6, 0.0, -0.6]
     vertices[beside] -= [0.0, 0.0, 1.0]
-    found = without_crossings(ball.with_vertices(vertices), 2.0, "mm", crossing)
+    found = relaxed_in_place(ball.with_vertices(vertices), 0, 2.0, "mm", crossing)
     assert crossing(ball.with_vertices(vertices)).any()
     assert found is not None
     surface, (warning,) = found
     assert not crossing(surface).any()
+    assert not flipped(surface).any()
     moved = (surface.vertices != vertices).any(axis=1)
     assert 1 <= moved.sum() < 60
     assert distances(vertices[moved], ball.with_vertices(vertices)).max() < 2.0
@@ -59,9 +61,24 @@ def test_where_two_vertices_were_pushed_through_each_other_the_surface_is_relaxe
     assert warning.sentence.endswith(" mm")
 
 
+def test_faces_that_a_motion_flipped_over_are_relaxed_and_those_of_the_prior_stay() -> None:
+    ball = meshed(round_distance(20.0), 24.0, 1.0)
+    vertices = ball.vertices.copy()
+    vertices[int(ball.vertices[:, 2].argmax())] += [1.2, 0.0, 0.0]
+    folded = ball.with_vertices(vertices)
+    flips = int(flipped(folded).sum())
+    assert flips > 0
+    surface, warnings = relaxed_in_place(folded, 0, 2.0, "mm", lambda s: np.zeros(len(s.faces), dtype=bool))
+    assert not flipped(surface).any()
+    assert warnings == ()
+    assert 1 <= (surface.vertices != vertices).any(axis=1).sum() < 30
+    same, _ = relaxed_in_place(folded, flips, 2.0, "mm", lambda s: np.zeros(len(s.faces), dtype=bool))
+    assert same is folded
+
+
 def test_a_surface_without_crossings_stays_as_it_is() -> None:
     ball = meshed(round_distance(20.0), 24.0, 2.0)
-    assert without_crossings(ball, 2.0, "mm", crossing) == (ball, ())
+    assert relaxed_in_place(ball, 0, 2.0, "mm", crossing) == (ball, ())
 
 
 def test_walls_that_pass_through_each_other_are_not_relaxed_apart() -> None:
@@ -71,7 +88,7 @@ def test_walls_that_pass_through_each_other_are_not_relaxed_apart() -> None:
         np.vstack([ball.vertices, ball.vertices + np.array([16.0, 0.0, 0.0])]),
         np.vstack([ball.faces, ball.faces + len(ball.vertices)]),
     )
-    assert without_crossings(both, 2.0, "mm", crossing) is None
+    assert relaxed_in_place(both, 0, 2.0, "mm", crossing) is None
 
 
 def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> None:

@@ -55,7 +55,7 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
 @pytest.fixture
 def anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Priors are taken for such as cut through themselves beyond what can be relaxed."""
-    monkeypatch.setattr("o3dls.levelset.repair.without_crossings", lambda *_: None)
+    monkeypatch.setattr("o3dls.levelset.repair.relaxed_in_place", lambda *_: None)
 
 
 @pytest.mark.usefixtures("anew")
