@@ -21,8 +21,6 @@ from .grid.operators import without_islands
 from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
 
-WIDEST = 2  # rings of vertices about a face that crosses: more would smooth a part, and mend no fold
-
 Crossing = Callable[[Surface], Mask]
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
@@ -56,12 +54,13 @@ def relaxed_in_place(
     a surface cut through others.
     """
     crossed, folded = crossing(surface).any(), flipped(surface).sum() > flips
+    rings = LatticeSettings().most_rings
     if not crossed and not folded:
         return surface, ()
-    after = relaxed(surface, rings=WIDEST) if folded else surface
+    after = relaxed(surface, rings=rings) if folded else surface
     left = crossing(after)
     if left.any():
-        after = relaxed(after, _faulty_near(after, left, most, crossing), rings=WIDEST)
+        after = relaxed(after, _faulty_near(after, left, most, crossing), rings=rings)
         left = crossing(after)
     shift = np.linalg.norm(after.vertices - surface.vertices, axis=1)
     if shift.max() > most or left.any() or flipped(after).sum() > flips:

@@ -24,6 +24,9 @@ class LatticeSettings:
         "radii of closings tried where the wall runs into itself, smallest first",
     )
     few_closings: int = number(2, "", "number of `closings` tried before islands are removed")
+    most_rings: int = number(
+        2, "rings", "rings of vertices about folded faces that are relaxed: more would smooth a part"
+    )
     least_outside: float = number(
         0.3, "spacings", "value that phi gets at least where a wall is cut or taken away"
     )
