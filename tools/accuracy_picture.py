@@ -39,9 +39,11 @@ Lines = dict[str, list[tuple[int, float, float]]]  # by method: points, mean and
 
 
 def numbers(page: str) -> list[Lines]:
-    """The lines of every table of the page that has a mean and a standard error for each method."""
+    """The lines of the first tables of the page, of which each has a panel: mean and standard error for each
+    method.
+    """
     tables = re.findall(r"^\| points \| `icp` \|.*\n\|[-|]+\n(?:\|.*\n)+", page, re.MULTILINE)
-    return [_lines(table) for table in tables]
+    return [_lines(table) for table in tables[: len(TITLES)]]
 
 
 def _lines(table: str) -> Lines:
@@ -56,13 +58,11 @@ def _lines(table: str) -> Lines:
 
 
 def drawn(tables: list[Lines]) -> Figure:
-    """A panel for each of the first three tables, and the legend in place of a fourth; letters are legible
-    700 pixels wide.
-    """
+    """A panel for each table, and the legend in place of a fourth; letters are legible 700 pixels wide."""
     plt.rcParams.update({"font.size": 9, "axes.titlesize": 9.5})
     figure, axes = plt.subplots(2, 2, figsize=(7.4, 6.4), sharex=True, sharey=True, layout="constrained")
     panels = axes.ravel()
-    for axis, title, lines in zip(panels, TITLES, tables, strict=False):
+    for axis, title, lines in zip(panels[:3], TITLES, tables, strict=True):
         _draw_panel(axis, title, lines)
     for axis in axes[:, 0]:
         axis.set_ylabel("mean distance from the true wall, mm")
