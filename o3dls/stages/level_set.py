@@ -32,8 +32,9 @@ class LevelSet(Stage):
 
     Where points show a wall that no motion reaches, phi is reconstructed from them; elsewhere, and always in
     2D, it is the moved prior's signed distance. If nothing is reconstructed, the surface is the moved prior,
-    vertex by vertex; only where that cuts through itself is it repaired on the lattice and meshed. The motion
-    stays.
+    vertex by vertex, but for faces that the motion folded over, whose corners are moved between their
+    neighbours. Only where it still cuts through itself is it repaired on the lattice and meshed anew. The
+    motion stays.
     """
 
     name: ClassVar[str] = "level_set"
