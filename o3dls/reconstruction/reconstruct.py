@@ -146,15 +146,21 @@ def _who_touches(
     the mixture; None where too few are left.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
-    touching = wall.of(wall.weights > 0.5)
-    field = fitted(touching, prior, scale, settings, scale.lengths(touching.noise, settings.splines))
-    factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, wall.weights)
-    noise = factor * noise
-    weights, contact = update_contact(residual, noise**2 + apart, given.believed.odds, contact)
-    if not given.enough(weights):
-        return None
-    wall = oriented_by_others(given.believed.points, noise, weights, prior, settings, wall)
-    return wall, float(np.median(noise)), contact
+    weights, sigma = wall.weights, float(np.median(noise))
+    for again in range(settings.rounds):
+        if again:
+            residual = left_out_distances(wall, prior, scale, settings)
+        touching = wall.of(weights > 0.5)
+        field = fitted(touching, prior, scale, settings, scale.lengths(touching.noise, settings.splines))
+        factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, weights)
+        sigma = factor * float(np.median(noise))
+        weights, contact = update_contact(
+            residual, (factor * noise) ** 2 + apart, given.believed.odds, contact
+        )
+        if not given.enough(weights):
+            return None
+        wall = oriented_by_others(given.believed.points, factor * noise, weights, prior, settings, wall)
+    return wall, sigma, contact
 
 
 def _follow_points(
