@@ -77,7 +77,7 @@ RULES: dict[str, Numbers] = {
     "cuts are smoothed": {"ReconstructionSettings.cut_smoothing": 1e-3},
     "normals are turned": {"ReconstructionSettings.turns": 0},
     "inside points are added": {"ReconstructionSettings.rounds_inside": 0},
-    "contact is found again": {"ReconstructionSettings.rounds": 1},
+    "contact is found again": {"ReconstructionSettings.rounds_of_template": 1},
     "points off the prior show a wall": {"SplineSettings.offset_noise": NEVER},
     "wall inside out is turned": {"NormalSettings.inverted": NEVER},
     "sides by the prior": {"NormalSettings.prior_near": 0.0},

@@ -147,7 +147,7 @@ def _who_touches(
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
     weights, sigma = wall.weights, float(np.median(noise))
-    for again in range(settings.rounds):
+    for again in range(settings.rounds_of_template if given.believed.template else 1):
         if again:
             residual = left_out_distances(wall, prior, scale, settings)
         touching = wall.of(weights > 0.5)

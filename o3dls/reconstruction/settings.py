@@ -175,7 +175,9 @@ class ReconstructionSettings:
         100_000, "faces", "faces above which that wall is not divided further to be finer than the noise"
     )
     most_training: int = number(2000, "points", "most points that predict the others")
-    rounds: int = number(2, "", "rounds of finding which points touch the wall")
+    rounds_of_template: int = number(
+        2, "", "rounds of finding which points touch, where a motion leaves another heart millimetres off"
+    )
     turns: int = number(1, "", "times that normals are turned to those of phi")
     rounds_inside: int = number(3, "", "most rounds of adding points that are known to be inside")
     around: float = number(
