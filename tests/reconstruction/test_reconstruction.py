@@ -259,6 +259,31 @@ def test_points_that_float_do_not_make_a_wall() -> None:
     assert distances(found.wall.vertices, TUBED).mean() < 0.3
 
 
+@pytest.mark.parametrize("template", [True, False])
+def test_points_that_the_motion_doubted_are_found_again_on_a_template(template: bool) -> None:
+    points = sampled(TUBED, 1500, SIGMA, SEED)
+    tube = np.linalg.norm(points, axis=1) > 20.0
+    known = replace(believed(points, np.where(tube, 0.05, 0.95)), template=template)
+    prior = replace(BALL, fields={"sd_mm": np.full(len(BALL.vertices), 0.5)})
+    usual = ReconstructionSettings()
+    usual = replace(usual, surplus=replace(usual.surplus, most=0.3))  # the tube is much of this ball
+    found = reconstructed(prior, known, "mm", 1.0, isosurface, usual)
+    once = replace(usual, rounds_of_template=1)
+    before = reconstructed(prior, known, "mm", 1.0, isosurface, once)
+    assert found is not None
+    assert found.weights is not None
+    assert before is not None
+    assert before.weights is not None
+    gained = (found.weights[tube] > 0.5).sum() - (before.weights[tube] > 0.5).sum()
+    nearer = distances(TUBED.vertices, found.wall).mean() / distances(TUBED.vertices, before.wall).mean()
+    if template:
+        assert gained > 10
+        assert nearer < 0.85
+    else:  # a motion carries a patient's own prior to the points, so that the first beliefs are right
+        assert gained == 0
+        assert nearer == 1.0
+
+
 @pytest.mark.parametrize("visited", [True, False], ids=["before wall with points", "a dent"])
 def test_points_inside_are_a_wall_only_where_that_in_front_has_none(visited: bool) -> None:
     settings = ReconstructionSettings()
