@@ -146,21 +146,18 @@ def _who_touches(
     the mixture; None where too few are left.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
-    weights, sigma = wall.weights, float(np.median(noise))
     for again in range(settings.rounds_of_template if given.believed.template else 1):
         if again:
             residual = left_out_distances(wall, prior, scale, settings)
-        touching = wall.of(weights > 0.5)
+        touching = wall.of(wall.weights > 0.5)
         field = fitted(touching, prior, scale, settings, scale.lengths(touching.noise, settings.splines))
-        factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, weights)
-        sigma = factor * float(np.median(noise))
-        weights, contact = update_contact(
-            residual, (factor * noise) ** 2 + apart, given.believed.odds, contact
-        )
+        factor, apart = _estimate_noise(distance_over(wall, prior, field), residual, noise, wall.weights)
+        sd = factor * noise
+        weights, contact = update_contact(residual, sd**2 + apart, given.believed.odds, contact)
         if not given.enough(weights):
             return None
-        wall = oriented_by_others(given.believed.points, factor * noise, weights, prior, settings, wall)
-    return wall, sigma, contact
+        wall = oriented_by_others(given.believed.points, sd, weights, prior, settings, wall)
+    return wall, float(np.median(wall.noise)), contact
 
 
 def _follow_points(

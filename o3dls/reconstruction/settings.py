@@ -176,7 +176,7 @@ class ReconstructionSettings:
     )
     most_training: int = number(2000, "points", "most points that predict the others")
     rounds_of_template: int = number(
-        2, "", "rounds of finding which points touch, where a motion leaves another heart millimetres off"
+        2, "", "rounds of finding which points touch, with a template: its motion ends millimetres off"
     )
     turns: int = number(1, "", "times that normals are turned to those of phi")
     rounds_inside: int = number(3, "", "most rounds of adding points that are known to be inside")
