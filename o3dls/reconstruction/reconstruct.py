@@ -24,7 +24,7 @@ from .field.amplitude import amplitudes
 from .field.equations import NEAREST, OffSurface, Oriented
 from .field.moved_prior import MovedPrior
 from .field.reconstruction import Reconstruction
-from .field.spline_fit import Scale, distance_over, fitted, phi_at, turned_along
+from .field.spline_fit import Scale, bias_along, distance_over, fitted, phi_at, turned_along
 from .field.splines import SplineField
 from .neighbours import nearest
 from .points.believed import Believed, Inside
@@ -168,10 +168,12 @@ def _follow_points(
     """
     prior, scale, settings = given.prior, given.scale, given.settings
     field = fitted(touching, prior, scale, settings, lengths)
-    for _ in range(settings.turns):
-        touching = turned_along(touching, prior, field, settings.normals)
-        touching = touching.nearer(phi_at(touching.feet, prior, field))
-        field = fitted(touching, prior, scale, settings, lengths)
+    touching = turned_along(touching, prior, field, settings.normals)
+    if given.believed.template:  # a patient's own prior has told the bends before
+        bias = bias_along(touching, prior, field, settings.curved)
+        touching = replace(touching, heights=touching.heights - bias)
+    touching = touching.nearer(phi_at(touching.feet, prior, field))
+    field = fitted(touching, prior, scale, settings, lengths)
     for _ in range(settings.rounds_inside):
         known = _left_outside(given.believed.inside, touching, prior, field, contact)
         if not len(known.at):

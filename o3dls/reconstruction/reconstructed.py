@@ -83,7 +83,7 @@ def _wall_fields(
     if sd in surface.fields:
         before = interpolated(surface.fields[sd], surface.faces[face], weights)
         independent = np.sqrt(np.maximum(before**2 - doubt**2, 0.0))
-        fields[sd] = np.hypot(deviation(places, independent, found, settings.deviation_points), doubt)
+        fields[sd] = np.hypot(deviation(places, independent, found, settings), doubt)
     return fields
 
 

@@ -178,7 +178,6 @@ class ReconstructionSettings:
     rounds_of_template: int = number(
         2, "", "rounds of finding which points touch, with a template: its motion ends millimetres off"
     )
-    turns: int = number(1, "", "times that normals are turned to those of phi")
     rounds_inside: int = number(3, "", "most rounds of adding points that are known to be inside")
     around: float = number(
         0.8, "clips", "distance from a point within which phi is computed, though far off the moved prior"

@@ -21,12 +21,13 @@ from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.result import Result
 from o3dls.noise.contact import Contact
-from o3dls.noise.settings import ContactSettings
+from o3dls.noise.settings import ContactSettings, CurvedWallSettings
 from o3dls.reconstruction.field.amplitude import amplitudes
+from o3dls.reconstruction.field.deviation import deviation
 from o3dls.reconstruction.field.equations import Oriented, floating
 from o3dls.reconstruction.field.moved_prior import MovedPrior
 from o3dls.reconstruction.field.reconstruction import Reconstruction
-from o3dls.reconstruction.field.spline_fit import Scale
+from o3dls.reconstruction.field.spline_fit import Scale, bias_along
 from o3dls.reconstruction.field.splines import SplineField, SplineLattice
 from o3dls.reconstruction.neighbours import nearest
 from o3dls.reconstruction.points.believed import Believed, Inside
@@ -34,7 +35,7 @@ from o3dls.reconstruction.points.dipoles import DipolePlaces
 from o3dls.reconstruction.points.existence import absent, existence
 from o3dls.reconstruction.points.orientation import planes, turned_outward
 from o3dls.reconstruction.points.point_density import PointDensity
-from o3dls.reconstruction.reconstruct import oriented_by_others
+from o3dls.reconstruction.reconstruct import oriented_by_others, reconstruct
 from o3dls.reconstruction.reconstructed import reconstructed
 from o3dls.reconstruction.settings import ReconstructionSettings, SplineSettings
 from o3dls.reconstruction.shape import surplus
@@ -66,11 +67,16 @@ def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) 
 
 
 def rebuilt(
-    prior: Surface, points: Array, weights: Array | None = None, *, template: bool = False
+    prior: Surface,
+    points: Array,
+    weights: Array | None = None,
+    *,
+    sigma: float = SIGMA,
+    template: bool = False,
 ) -> Result | None:
     """The tube is more of this prior than a vein is of a heart: more may be absent than usual."""
     prior = replace(prior, fields={"sd_mm": np.full(len(prior.vertices), 0.5)})
-    known = replace(believed(points, weights), template=template)
+    known = replace(believed(points, weights, sigma), template=template)
     usual = ReconstructionSettings()
     settings = replace(usual, surplus=replace(usual.surplus, most=0.3))
     return reconstructed(prior, known, "mm", 1.0, isosurface, settings)
@@ -162,6 +168,36 @@ def test_noise_on_a_curved_wall_is_no_other_wall(shape: Surface) -> None:
     points = sampled(shape, 4000, 1.5, SEED)
     known = believed(points, sigma=1.5)
     assert reconstructed(shape, known, "mm", 1.0, isosurface) is None
+
+
+def with_thick_tube(points: Array) -> Array:
+    along = np.clip(points[:, 0], 8.0, 25.0)
+    axis = along[:, None] * np.eye(3)[0]
+    return np.minimum(round_distance(16.0)(points), np.linalg.norm(points - axis, axis=1) - 7.0)
+
+
+def test_the_wall_of_a_template_does_not_lie_outside_as_points_on_bends_do() -> None:
+    points = sampled(TUBED, 4000, 1.5, SEED)
+    found = rebuilt(meshed(with_thick_tube, 36.0), points, sigma=1.5, template=True)
+    assert found is not None
+    ball = found.wall.vertices[found.wall.vertices[:, 0] < 10.0]
+    outside = ball_with_tube(points[points[:, 0] < 10.0]).mean()
+    assert outside == pytest.approx(1.5**2 / 16.0, rel=0.3)  # its own noise: 1.5 / sqrt(2500)
+    assert ball_with_tube(ball).mean() < 0.75 * outside  # 1.5 if the bias stays
+
+
+def test_the_deviation_is_larger_where_the_wall_went_far_or_bends_in_noise() -> None:
+    points = believed(sampled(TUBED, 1500, SIGMA, SEED))
+    found = reconstruct(BALL, points, 1.0, ReconstructionSettings())
+    assert found is not None
+    sure = replace(found, wall=replace(found.wall, amplitude=np.full(len(found.wall.feet), 0.01)))
+    places = np.array([[-16.0, 0.0, 0.0], [22.0, 5.0, 0.0], [22.0, 0.0, -5.0]])
+    sd = deviation(places, np.zeros(3), sure, ReconstructionSettings())
+    assert sd[0] < 0.1
+    assert sd[1:].min() > 2.0 * sd[0]
+    bias = bias_along(sure.wall, sure.prior, sure.field, CurvedWallSettings())
+    near = nearest(sure.wall.feet, places, 1)[1][:, 0]
+    assert (sd >= np.abs(bias[near])).all()
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -11,7 +11,9 @@ from ...arrays import TINY, Array
 from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 from ..neighbours import nearest
+from ..settings import ReconstructionSettings
 from .reconstruction import Reconstruction
+from .spline_fit import bias_along
 from .splines import correlation
 
 
@@ -23,18 +25,25 @@ class _Known(NamedTuple):
     variance: Array
 
 
-def deviation(vertices: Array, prior_sd: Array, found: Reconstruction, nearest_points: int) -> Array:
+def deviation(
+    vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
+) -> Array:
     """Return the standard deviation (v,) of the wall at its vertices, if there is wall: of the field or of
-    the motion, prior_sd (v,), whichever is larger, as far as the points next to each do not tell.
+    the motion, prior_sd (v,), whichever is larger, as far as the points next to each do not tell; and of the
+    bends by which the bias of points was found.
     """
     wall = found.wall
-    _, near = nearest(wall.feet, vertices, min(nearest_points, len(wall.feet)))
+    _, near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
+    # a wall that lies farther from the moved prior than expected is of a field that varies by so much there
+    amplitude = np.hypot(wall.amplitude, found.prior.at(wall.feet))
     told = np.zeros(len(vertices))
-    known = _Known(wall.feet, wall.amplitude, variance)
+    known = _Known(wall.feet, amplitude, variance)
     by_rows(_fill_explained_variance, WORTH, (vertices, near, told), known, np.asarray(found.lengths))
     # the field's was found from distances to the moved prior, which have the motion's in them
-    return np.asarray(np.sqrt(1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd))
+    left = np.sqrt(1.0 - told) * np.maximum(amplitude[near[:, 0]], prior_sd)
+    bias = bias_along(wall, found.prior, found.field, settings.curved)
+    return np.asarray(np.hypot(left, bias[near[:, 0]]))
 
 
 @njit(cache=True, nogil=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
+from ...noise.curved_wall import curved_wall_bias
+from ...noise.settings import CurvedWallSettings
 from ..settings import NormalSettings, ReconstructionSettings, SplineSettings
 from .equations import OffSurface, Oriented, field_through, off_prior, off_surface
 from .moved_prior import MovedPrior
@@ -70,6 +72,23 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
     heights = ((points - wall.feet) * normals).sum(axis=1)
     feet = points - heights[:, None] * normals
     return replace(wall, feet=feet, heights=heights, normals=normals, tilt=np.where(steep, 0.0, wall.tilt))
+
+
+def bias_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings: CurvedWallSettings) -> Array:
+    """Return how far (n,) outside the wall of a field its own bends let noise carry points in the mean.
+
+    Bends are second differences of phi over sqrt(3) deviations of the noise: so far to either side lie the
+    nodes by which Gauss and Hermite average over it with three points.
+    """
+    on_wall = wall.feet - phi_at(wall.feet, prior, field)[:, None] * wall.normals
+    flat = np.eye(3)[np.abs(wall.normals).argmin(axis=1)]
+    first = np.cross(wall.normals, flat)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    step = np.sqrt(3.0) * wall.noise[:, None]
+    rise = -4.0 * phi_at(on_wall, prior, field)
+    for along in (first, np.cross(wall.normals, first)):
+        rise += phi_at(on_wall + step * along, prior, field) + phi_at(on_wall - step * along, prior, field)
+    return curved_wall_bias(wall.noise, rise / step[:, 0] ** 2, settings)
 
 
 def fitted(
