@@ -12,7 +12,8 @@ Each case is fitted by the default pipeline without folds, and again
 The pose that is moved is that of the landmarks, or `init.csv`, or where the file stands. The distance is the
 mean (mm, both directions) of the last surface from that of the case as it is. The structure is another
 where the number of pieces or handles differs, or some wall of one surface is over 6 mm from the other; it
-is flagged where either run has a warning that puts its result in doubt.
+is flagged where either run has a warning that puts its result in doubt, and told where either says that a
+part was added or removed, and to check it.
 """
 
 from __future__ import annotations
@@ -111,14 +112,16 @@ def _find_start(plan: Pipeline, case: Case) -> Array:
 
 
 def compared(first: Estimate, second: Estimate) -> Record:
-    """How far two results lie apart, whether they have one structure, and whether a warning tells of it."""
+    """How far two results lie apart, whether they have one structure, and what is said of it."""
     a, b = first.surface, second.surface
     there, back = distances(sample(a, SAMPLES), b), distances(sample(b, SAMPLES), a)
     parts = max(float(there.max()), float(back.max()))
     same = _shape(a) == _shape(b) and parts <= PART
-    warned = any(one.kind == "warning" for one in (*first.warnings, *second.warnings))
+    said = *first.warnings, *second.warnings
+    warned = any(one.kind == "warning" for one in said)
+    told = any(one.code == "topology-changed" for one in said)
     apart = 0.5 * float(there.mean() + back.mean())
-    return {"apart": apart, "farthest": parts, "same": same, "warned": warned}
+    return {"apart": apart, "farthest": parts, "same": same, "warned": warned, "told": told}
 
 
 def _shape(surface: Surface) -> tuple[int, int]:
@@ -138,6 +141,7 @@ def table(records: Sequence[Record]) -> str:
         f"within {NEAR:g} mm",
         "another structure",
         "flagged",
+        "told",
     ]
     kinds = list(dict.fromkeys(record["what"] for record in done))
     rows = [[kind, *_sum_up([one for one in done if one["what"] == kind])] for kind in kinds]
@@ -157,7 +161,7 @@ def _sum_up(records: Sequence[Record]) -> list[str]:
         *(f"{x:.3f}" for x in (np.median(apart), np.quantile(apart, SHARE), apart.max())),
         f"{100.0 * (apart <= NEAR).mean():.1f} %",
         str(len(other)),
-        str(sum(record["warned"] for record in other)),
+        *(str(sum(record[said] for record in other)) for said in ("warned", "told")),
     ]
 
 

@@ -53,5 +53,4 @@ def test_results_apart_and_of_another_structure_are_counted() -> None:
     assert said.splitlines()[-1] == "none: no points"
     cells = next(line for line in said.splitlines() if line.startswith("all")).split()
     assert cells[1] == "3"
-    assert cells[-2] == "2"
-    assert cells[-1] == str(int(rows[1]["warned"]))
+    assert cells[-3:] == ["2", "0", "1"]  # the spike's run says what was changed, which is a note
