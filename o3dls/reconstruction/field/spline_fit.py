@@ -75,10 +75,10 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
 
 
 def bias_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings: CurvedWallSettings) -> Array:
-    """Return how far (n,) outside the wall of a field its own bends let noise carry points in the mean.
+    """Return how far (n,) noise carries points outside the wall of a field in the mean, by how that bends.
 
-    Bends are second differences of phi over sqrt(3) deviations of the noise: so far to either side lie the
-    nodes by which Gauss and Hermite average over it with three points.
+    The bends are second differences of phi over sqrt(3) deviations of the noise to either side: the nodes of
+    a three-point Gauss-Hermite average over it.
     """
     on_wall = wall.feet - phi_at(wall.feet, prior, field)[:, None] * wall.normals
     flat = np.eye(3)[np.abs(wall.normals).argmin(axis=1)]
