@@ -28,9 +28,11 @@ class _Known(NamedTuple):
 def deviation(
     vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
 ) -> Array:
-    """Return the standard deviation (v,) of the wall at its vertices, if there is wall: of the field or of
-    the motion, prior_sd (v,), whichever is larger, as far as the points next to each do not tell; and of the
-    bends by which the bias of points was found.
+    """Return the standard deviation (v,) of the wall at its vertices, if there is wall.
+
+    It is that of the field, or of the motion, prior_sd (v,), where that is larger, as far as the points next
+    to each vertex leave it open. The bias of a curved wall adds to it, since the bends that give it are
+    uncertain.
     """
     wall = found.wall
     _, near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))
