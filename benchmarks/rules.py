@@ -75,7 +75,7 @@ RULES: dict[str, Numbers] = {
     "evidence near the prior is enough": {"ReconstructionSettings.field_evidence": NEVER},
     "necks are gaps": {"ReconstructionSettings.expected": NEVER},
     "cuts are smoothed": {"ReconstructionSettings.cut_smoothing": 1e-3},
-    "normals are turned": {"ReconstructionSettings.turns": 0},
+    "normals are turned": {"NormalSettings.least_slope": NEVER},
     "inside points are added": {"ReconstructionSettings.rounds_inside": 0},
     "contact is found again": {"ReconstructionSettings.rounds_of_template": 1},
     "points off the prior show a wall": {"SplineSettings.offset_noise": NEVER},

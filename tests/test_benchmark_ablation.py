@@ -25,11 +25,11 @@ def held() -> dict[str, float]:
 
 def test_numbers_are_others_everywhere_and_afterwards_as_before() -> None:
     before = held()
-    with switched({"SurplusSettings.most": 0.75, "ReconstructionSettings.turns": 11}):
+    with switched({"SurplusSettings.most": 0.75, "ReconstructionSettings.rounds_inside": 11}):
         changed = {name: value for name, value in held().items() if value != before[name]}
     assert changed == {"made surplus.most": 0.75, "kept surplus.most": 0.75} | {
-        "made turns": 11,
-        "kept turns": 11,
+        "made rounds_inside": 11,
+        "kept rounds_inside": 11,
     }
     assert held() == before
 
