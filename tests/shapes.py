@@ -55,10 +55,10 @@ def meshed(distance: Distance, half: float, spacing: float = 1.0, dimension: int
     return Surface(*zero_set(*whole_box(distance, half, spacing, dimension)))
 
 
-def ball_with_tube(points: Array) -> Array:
-    """A ball of radius 16 with a round-ended tube of radius 5 that sticks out 14 along the first axis."""
+def ball_with_tube(points: Array, radius: float = 5.0) -> Array:
+    """A ball of radius 16 with a round-ended tube about the first axis, whose axis ends at 25."""
     along = np.clip(points[:, 0], 8.0, 25.0)
-    tube = np.linalg.norm(points - np.eye(points.shape[1])[0] * along[:, None], axis=1) - 5.0
+    tube = np.linalg.norm(points - np.eye(points.shape[1])[0] * along[:, None], axis=1) - radius
     return np.minimum(round_distance(16.0)(points), tube)
 
 
