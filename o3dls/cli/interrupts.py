@@ -5,12 +5,11 @@ Until `listen` Python answers by itself, with a traceback: it imports little.
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LATER = 0.05  # seconds
@@ -18,13 +17,9 @@ _heard: list[int] = []  # numbers of the signals that came, in their order
 
 
 class Interrupted(BaseException):
-    """This exception ends the process with the exit code `code`, as shells define it. No KeyboardInterrupt,
-    to which libraries have answers of their own.
+    """This exception ends the process with the exit code that shells define for the first signal. No
+    KeyboardInterrupt, to which libraries have answers of their own.
     """
-
-    @property
-    def code(self) -> int:
-        return 128 + _heard[0]
 
 
 def listen() -> None:
@@ -32,15 +27,16 @@ def listen() -> None:
     for number in SIGNALS:
         signal.signal(number, _raise_once)
     sys.unraisablehook = _raise_again
-    atexit.register(_end_at_once)  # the first to be registered is the last to be called
 
 
-def _end_at_once() -> None:
-    """End at once: a library that was interrupted in its import may not end in order."""
-    if _heard:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(128 + _heard[0])
+def end_at_once() -> None:
+    """End the process with the code of the first signal. Libraries get no say: one that was interrupted in
+    its import, or in its compiler, may crash where it ends in order.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # nobody reads it any more
+            stream.flush()
+    os._exit(128 + _heard[0])
 
 
 def _raise_once(number: int, _: object) -> None:

@@ -8,7 +8,7 @@ import gc
 import sys
 
 from .environment import delay_unused, open_streams, settle_variables
-from .interrupts import Interrupted, heeded, listen, too_late
+from .interrupts import Interrupted, end_at_once, heeded, listen, too_late
 
 # between two garbage collections; Python's 700 is too few: most objects live to the end, and collecting takes
 # a twentieth of a run
@@ -31,10 +31,10 @@ def main() -> None:
         prepare()
         code = answer(sys.argv[1:])
         too_late()
-    except Interrupted as stop:
+    except Interrupted:
         too_late()
         print("o3dls: interrupted", file=sys.stderr)
-        code = stop.code
+        end_at_once()  # in here: what the exception holds may not be released either
     gc.freeze()  # a last collection would take half a second, and the process ends anyway
     sys.exit(code)
 

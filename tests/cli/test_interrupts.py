@@ -120,6 +120,13 @@ def test_where_a_library_swallows_it_the_code_says_so_in_the_end(finished_run: P
     struck(set_up, signal.SIGTERM, "report", finished_run, "--out", tmp_path / "page.html", cwd=tmp_path)
 
 
+def test_a_library_that_would_crash_at_the_end_is_not_asked(finished_run: Path, tmp_path: Path) -> None:
+    """The compiler of the loops did so, rarely."""
+    how = "import atexit; atexit.register(os.abort); strike()"
+    set_up = IN_AN_IMPORT.format(module="report.writer", how=how)
+    struck(set_up, signal.SIGTERM, "report", finished_run, "--out", tmp_path / "page.html", cwd=tmp_path)
+
+
 def test_in_a_destructor(finished_run: Path, tmp_path: Path) -> None:
     begun = time.perf_counter()
     struck(IN_A_DESTRUCTOR, signal.SIGTERM, "report", finished_run, "--out", "page.html", cwd=tmp_path)
