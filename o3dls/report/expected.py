@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..evaluation.left_out import block_of
 from ..evaluation.next_places import MEAN_OVER_SD
 from ..evaluation.statistics import BAND_68, BAND_95
 from ..geometry.surface import Surface
@@ -72,8 +71,7 @@ def left_out_scatter(result: Result, rows: NDArray[np.bool_] | None = None) -> S
         known[eam] &= rows
     if not known.any():
         return None
-    block = block_of(result.run.case.points.of("eam").xyz, max(1, result.run.provenance.pipeline["folds"]))
-    by_block = np.bincount(block[known[eam]], belief[known])
+    by_block = np.bincount(result.run.left_out_together[known[eam]], belief[known])
     n = float(by_block.sum() ** 2 / (by_block**2).sum())
     squared = float(np.average((gap[known] / deviation[known]) ** 2, weights=belief[known]))
     distance = float(np.average(gap[known], weights=belief[known]))

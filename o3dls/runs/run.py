@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from ..arrays import Ints
 from ..case import Case, Points
 from ..errors import InputError, escaped
 from ..estimate import Estimate
+from ..evaluation.left_out import block_of
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder, write_file
 from ..io.case_writer import write_case_files
@@ -65,6 +68,11 @@ class Run:
     def unit(self) -> str:
         """Unit of lengths in the names of scores and columns."""
         return self.case.units
+
+    @cached_property
+    def left_out_together(self) -> Ints:
+        """The block (n,) of each `eam` point that was left out with its neighbours."""
+        return block_of(self.case.points.of("eam").xyz, max(1, self.provenance.pipeline["folds"]))
 
     @property
     def faults(self) -> list[str]:

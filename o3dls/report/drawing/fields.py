@@ -26,6 +26,7 @@ from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 from .colour_maps import LOW_ENDS, colour_table
 
 STEPS = {"lat": 10.0, TIME: 10.0}  # ms between isochrones
+MISSING = 0.72  # grey of wall without a value
 LEAST = {"mm": 2.0}  # end of a scale: what is smaller matters little
 ROUNDING = 1e-9
 
@@ -172,7 +173,7 @@ def _believed_distances(subject: Subject, name: str) -> Array:
 
 def colours_of(values: Array, field: Field) -> Array:
     """Return the colour (n, 3) of each value; grey where it is missing."""
-    share = np.clip((np.nan_to_num(values) - field.low) / (field.high - field.low), 0, 1)
-    return np.where(
-        np.isfinite(values)[:, None], colour_table(field.colours)[np.round(255 * share).astype(int)], 0.72
-    )
+    known = np.isfinite(values)
+    share = np.clip((values - field.low) / (field.high - field.low), 0, 1)
+    table = np.vstack([colour_table(field.colours), np.full(3, MISSING)])
+    return np.asarray(table[np.where(known, np.round(255 * share), len(table) - 1).astype(np.intp)])

@@ -47,7 +47,8 @@ class Pixels:
 
     def read(self, values: Array) -> Array:
         """Return values (n,) or (n, k) of the vertices as they are in the pixels, (m,) or (m, k)."""
-        return np.asarray(np.einsum("mc,mc...->m...", self.weights, values[self.corners]))
+        columns = values.reshape(len(values), -1)
+        return np.asarray(_read(self.corners, self.weights, columns)).reshape(-1, *values.shape[1:])
 
 
 class Canvas:
@@ -75,13 +76,14 @@ class Canvas:
         facing = surface.vertex_normals @ self.view.axes[2]
         corners = self._place_on_grid(surface.vertices)
         face = np.full(self._depth.shape, -1, dtype=np.int32)
-        found = np.empty((*self._depth.shape, 3))  # weights of the first two corners, and light
-        _draw_triangles(corners, surface.faces, facing, face, found, self._depth)
-        rows, columns = np.nonzero(face >= 0)
-        u, v, light = found[rows, columns].T
+        weights = np.empty((*self._depth.shape, 3))
+        light = np.empty(self._depth.shape)
+        _draw_triangles(corners, surface.faces, facing, face, weights, light, self._depth)
+        seen = np.flatnonzero(face >= 0)  # rows one after the other: two indices take several times as long
+        rows, columns = np.divmod(seen, face.shape[1])
         striped = (rows + columns) % HATCH < 0.4 * HATCH
-        pixels = Pixels(surface.faces[face[rows, columns]], np.column_stack([u, v, 1.0 - u - v]), striped)
-        self._colour[rows, columns] = light[:, None] * paint(pixels)
+        pixels = Pixels(surface.faces[face.ravel()[seen]], weights.reshape(-1, 3)[seen], striped)
+        self._colour.reshape(-1, 3)[seen] = light.ravel()[seen, None] * paint(pixels)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
@@ -103,7 +105,19 @@ class Canvas:
 
 
 @njit(cache=True, nogil=True)
-def _draw_triangles(corners, faces, facing, face, found, depth):  # type: ignore[no-untyped-def]
+def _read(corners, weights, values):  # type: ignore[no-untyped-def]
+    found = np.empty((len(corners), values.shape[1]))
+    for m in range(len(corners)):
+        a, b, c = corners[m]
+        for k in range(values.shape[1]):
+            found[m, k] = (
+                weights[m, 0] * values[a, k] + weights[m, 1] * values[b, k] + weights[m, 2] * values[c, k]
+            )
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _draw_triangles(corners, faces, facing, face, weights, light, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     for f in range(len(faces)):
         a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
@@ -128,9 +142,9 @@ def _draw_triangles(corners, faces, facing, face, found, depth):  # type: ignore
                 towards = u * facing[faces[f, 0]] + v * facing[faces[f, 1]] + w * facing[faces[f, 2]]
                 # rows count down, so a positive area is a face seen from inside
                 most = 1.0 if area < 0.0 else INSIDE
-                light = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
+                light[y, x] = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
                 face[y, x] = f
-                found[y, x, 0], found[y, x, 1], found[y, x, 2] = u, v, light
+                weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = u, v, w
 
 
 @njit(cache=True, nogil=True)
