@@ -168,7 +168,7 @@ def test_a_picture_of_times_has_one_colour_from_isochrone_to_isochrone() -> None
         seen: list[np.ndarray] = []
         paint = paint_field(surface, replace(field, step=step))
         canvas.surface(surface, lambda pixels: seen.append(paint(pixels)) or seen[-1])
-        return len(np.unique(seen[0], axis=0))
+        return len(np.unique(np.concatenate(seen), axis=0))
 
     assert hues(10.0) <= np.ptp(surface.fields[TIME]) / 10.0 + 2
     assert hues(0.0) > 50

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Array, Ints
 from . import kernels
@@ -73,18 +71,11 @@ def _fillet_union(a: NDArray[np.float32], b: NDArray[np.float32], width: float) 
 
 def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
     """Return the connected pieces (n,) of the chosen nodes, numbered from 0 by falling size; -1 elsewhere."""
-    rows, axes, sides = np.nonzero(band.neighbours >= 0)
-    other = band.neighbours[rows, axes, sides]
-    both = chosen[rows] & chosen[other]
-    links = sparse.csr_matrix((np.ones(both.sum()), (rows[both], other[both])), shape=(len(band), len(band)))
-    _, own, size = np.unique(
-        connected_components(links, directed=False)[1][chosen], return_inverse=True, return_counts=True
-    )
+    piece = kernels.pieces(band.neighbours.reshape(len(band), -1), chosen)
+    size = np.bincount(piece[chosen])
     rank = np.empty(len(size), dtype=np.int64)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
-    named = np.full(len(band), -1)
-    named[chosen] = rank[own]
-    return named
+    return np.where(chosen, rank[piece], -1) if len(size) else piece
 
 
 def without_islands(band: Band, phi: Array) -> Array:

@@ -16,6 +16,7 @@ from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
 FLOOR, INSIDE = 0.85, 0.93  # of the light, and of that on the inner side: colours are read by their lightness
+STRIP = 32  # rows of the fine grid that are painted at once
 HATCH = 14  # pixels of the fine grid from line to line
 RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a wall of its own colour
 
@@ -59,8 +60,8 @@ class Canvas:
     def __init__(self, view: View, width: int, height: int, background: tuple[float, float, float]) -> None:
         self.view = view
         shape = (height * SUPERSAMPLING, width * SUPERSAMPLING)
-        self._colour = np.tile(np.asarray(background, dtype=np.float64), (*shape, 1))
-        self._depth = np.full(shape, -np.inf)
+        self._colour = np.full((*shape, 3), background, dtype=np.float32)
+        self._depth = np.full(shape, -np.inf, dtype=np.float32)
         self._scale = shape[0] / view.height
 
     def _place_on_grid(self, points: Array) -> Array:
@@ -76,14 +77,15 @@ class Canvas:
         facing = surface.vertex_normals @ self.view.axes[2]
         corners = self._place_on_grid(surface.vertices)
         face = np.full(self._depth.shape, -1, dtype=np.int32)
-        weights = np.empty((*self._depth.shape, 3))
-        light = np.empty(self._depth.shape)
-        _draw_triangles(corners, surface.faces, facing, face, weights, light, self._depth)
-        seen = np.flatnonzero(face >= 0)  # rows one after the other: two indices take several times as long
-        rows, columns = np.divmod(seen, face.shape[1])
-        striped = (rows + columns) % HATCH < 0.4 * HATCH
-        pixels = Pixels(surface.faces[face.ravel()[seen]], weights.reshape(-1, 3)[seen], striped)
-        self._colour.reshape(-1, 3)[seen] = light.ravel()[seen, None] * paint(pixels)
+        _draw_triangles(corners, surface.faces, face, self._depth)
+        # strip by strip: new memory for all pixels at once costs more than what is done with it
+        for top in range(0, len(face), STRIP):
+            rows, columns = np.nonzero(face[top : top + STRIP] >= 0)
+            rows += top
+            seen = surface.faces[face[rows, columns]]
+            weights, light = _weigh_corners(corners, seen, facing, rows, columns)
+            striped = (rows + columns) % HATCH < 0.4 * HATCH
+            self._colour[rows, columns] = light[:, None] * paint(Pixels(seen, weights, striped))
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
@@ -104,6 +106,19 @@ class Canvas:
         return np.round(255 * np.clip(mean / SUPERSAMPLING**2, 0, 1)).astype(np.uint8)
 
 
+@njit(cache=True, inline="always")
+def _twice_area(a, b, c):  # type: ignore[no-untyped-def]
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@njit(cache=True, inline="always")
+def _weights_at(a, b, c, x, y):  # type: ignore[no-untyped-def]
+    area = _twice_area(a, b, c)
+    u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+    v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+    return u, v
+
+
 @njit(cache=True, nogil=True)
 def _read(corners, weights, values):  # type: ignore[no-untyped-def]
     found = np.empty((len(corners), values.shape[1]))
@@ -117,12 +132,11 @@ def _read(corners, weights, values):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _draw_triangles(corners, faces, facing, face, weights, light, depth):  # type: ignore[no-untyped-def]
+def _draw_triangles(corners, faces, face, depth):  # type: ignore[no-untyped-def]
     rows, columns = depth.shape
     for f in range(len(faces)):
         a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if area == 0.0:
+        if _twice_area(a, b, c) == 0.0:
             continue
         for y in range(
             max(0, int(np.ceil(min(a[1], b[1], c[1])))),
@@ -132,19 +146,29 @@ def _draw_triangles(corners, faces, facing, face, weights, light, depth):  # typ
                 max(0, int(np.ceil(min(a[0], b[0], c[0])))),
                 min(columns - 1, int(np.floor(max(a[0], b[0], c[0])))) + 1,
             ):
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                u, v = _weights_at(a, b, c, x, y)
                 w = 1.0 - u - v
                 z = u * a[2] + v * b[2] + w * c[2]
                 if u < 0.0 or v < 0.0 or w < 0.0 or z <= depth[y, x]:
                     continue
                 depth[y, x] = z
-                towards = u * facing[faces[f, 0]] + v * facing[faces[f, 1]] + w * facing[faces[f, 2]]
-                # rows count down, so a positive area is a face seen from inside
-                most = 1.0 if area < 0.0 else INSIDE
-                light[y, x] = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
                 face[y, x] = f
-                weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = u, v, w
+
+
+@njit(cache=True, nogil=True)
+def _weigh_corners(corners, seen, facing, rows, columns):  # type: ignore[no-untyped-def]
+    weights, light = np.empty((len(seen), 3)), np.empty(len(seen))
+    for m in range(len(seen)):
+        i, j, k = seen[m]
+        a, b, c = corners[i], corners[j], corners[k]
+        u, v = _weights_at(a, b, c, columns[m], rows[m])
+        w = 1.0 - u - v
+        towards = u * facing[i] + v * facing[j] + w * facing[k]
+        # rows count down, so a positive area is a face seen from inside
+        most = 1.0 if _twice_area(a, b, c) < 0.0 else INSIDE
+        weights[m, 0], weights[m, 1], weights[m, 2] = u, v, w
+        light[m] = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
+    return weights, light
 
 
 @njit(cache=True, nogil=True)
