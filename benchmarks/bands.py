@@ -122,7 +122,8 @@ def bands_table(records: Sequence[Record]) -> list[str]:
     rows = [_describe_bands(kind, part, members) for kind, members in kinds.items() for part in PARTS]
     lines = [HEAD, ("---",) * len(HEAD), *(row for row in rows if row)]
     existing = _describe_existence([record["truth"]["bands"] for record in held])
-    return ["", *("| " + " | ".join(line) + " |" for line in lines), "", *existing]
+    altered = _describe_altered([record for record in held if kind_of(record) == "altered"])
+    return ["", *("| " + " | ".join(line) + " |" for line in lines), "", *existing, *altered]
 
 
 def kind_of(record: Record) -> str:
@@ -145,6 +146,18 @@ def _describe_bands(kind: str, part: str, records: Sequence[Record]) -> tuple[st
     whole = f"{100.0 * mean('68'):.1f}, {100.0 * mean('95'):.1f}"
     existing = [f"{100.0 * mean(key):.1f}" for key in ("_said", "_there")]
     return (kind, part, str(len(held)), *shares, whole, deviations, *existing)
+
+
+def _describe_altered(records: Sequence[Record]) -> list[str]:
+    """What 95 % bands hold of mapped wall by what is altered, the second word of a group; the least first."""
+    found = dict[str, list[float]]()
+    for record in records:
+        found.setdefault(str(record["group"]).split("_")[1], []).append(
+            record["truth"]["bands"]["mapped_there95"]
+        )
+    shares = sorted((100.0 * float(np.mean(held)), kind, len(held)) for kind, held in found.items())
+    listed = ", ".join(f"{kind} {share:.1f} ({count})" for share, kind, count in shares)
+    return [f"altered, mapped, within 95 %: {listed}"] if listed else []
 
 
 def _describe_existence(held: Sequence[Scores]) -> list[str]:

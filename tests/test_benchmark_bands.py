@@ -10,7 +10,7 @@ import scipy.stats
 from shapes import meshed, sampled, torus_distance
 from tiny import ball_case
 
-from benchmarks.bands import LIKELY, QUANTILES, bands, is_there
+from benchmarks.bands import LIKELY, QUANTILES, bands, bands_table, is_there
 from benchmarks.said import table
 from benchmarks.scores import Record
 from o3dls.arrays import Array
@@ -133,4 +133,15 @@ def test_what_is_said_ends_with_bands_and_the_worst_wall() -> None:
     assert "unmapped" not in said  # this wall has none
     assert "existence up to 0.8: 50.00 % of the wall, 70 % of it is said to be there, 80 % is" in said
     assert said.count("existence up to") == 1  # classes without wall are left out
+    assert "altered, mapped" not in said
     assert "of the worst 1 % of the wall 49 % is hatched (of all wall 13 %) and 62 % is in the tenth" in said
+
+
+def test_bands_are_told_by_what_is_altered_the_least_first() -> None:
+    known = {f"{name}_{100 * most:.0f}": 0.0 for name in ("wall", "said", "there") for most in LIKELY}
+    held = (("scaled_250", 0.2), ("scaled_1000", 0.4), ("healthy_250", 0.98))
+    records: list[Record] = [
+        {"group": f"altered_{group}", "truth": {"bands": {**known, "mapped_there95": share}}}
+        for group, share in held
+    ]
+    assert bands_table(records)[-1] == "altered, mapped, within 95 %: scaled 30.0 (2), healthy 98.0 (1)"
