@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import KDTree
-from trimesh.remesh import subdivide
 
 from ...arrays import Array
 from ...geometry.differential import vertex_normals
@@ -60,6 +59,8 @@ def gain_of_wall(
 
 def _with_fine_faces(surface: Surface, noise: float, most: int) -> Surface:
     """Return the surface with faces that are small against the noise: their centres stand for them."""
+    from trimesh.remesh import subdivide  # imported late: few runs come here, and all of trimesh with it
+
     vertices, faces = surface.vertices, surface.faces
     while len(faces) < min(surface.area / noise**2, most):
         vertices, faces = subdivide(vertices, faces)
