@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from o3dls.evaluation.next_places import MEAN_OVER_SD
 from o3dls.evaluation.regions import REGIONS, short_word, word
 from o3dls.report.grading import doubts as doubts_module
 from o3dls.report.grading import expected_error as grading
@@ -85,6 +86,10 @@ def test_measured_error_of_the_mapped_wall_is_not_hidden_by_a_smaller_one_of_the
     assert "unmapped wall 0.1 mm (by the model)" in told["Typical error"]
     larger = said(with_fields(subject, 9.0, 0.0))["Typical error"]
     assert re.search(rf"mapped wall \d+\.\d mm \(by the model, more than the {mapped.found:.1f} meas", larger)
+    found = wall_parts(with_fields(subject, 9.0, 0.0))[0].found
+    assert found is not None
+    alike = said(with_fields(subject, (found + 1e-6) / MEAN_OVER_SD, 0.0))["Typical error"]
+    assert alike.startswith(f"mapped wall {found:.1f} mm (measured")  # "1.1, more than 1.1" says nothing
 
 
 @pytest.mark.parametrize(("share", "given"), [(0.004, False), (0.006, True)])

@@ -57,7 +57,8 @@ def _describe_error(part: Part, subject: Subject) -> str | None:
     scatter = left_out_scatter(subject.last)
     if part.name == MAPPED and expected is not None and scatter and subject.headline == "cross_validated":
         return f"{name} {expected:.1f} {subject.unit} ({_describe_support(subject, scatter)})"
-    if measured is not None and (expected is None or measured >= expected):
+    # as they are shown: of 1.12 and 1.14 neither is more
+    if measured is not None and (expected is None or round(measured, 1) >= round(expected, 1)):
         by = f"measured, {part.n} {SETS[subject.headline or 'fitted']}"
         return f"{name} {measured:.1f} {subject.unit} ({by.removesuffix(' points')} points)"
     beside = "" if measured is None else f", more than the {measured:.1f} measured at {part.n} points"
