@@ -48,7 +48,7 @@ class Pixels:
 
     def read(self, values: Array) -> Array:
         """Return values (n,) or (n, k) of the vertices as they are in the pixels, (m,) or (m, k)."""
-        columns = values.reshape(len(values), -1)
+        columns = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), -1)
         return np.asarray(_read(self.corners, self.weights, columns)).reshape(-1, *values.shape[1:])
 
 
