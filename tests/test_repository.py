@@ -153,3 +153,12 @@ def test_arguments_that_belong_together_are_one() -> None:
         and len(arguments_of(node)) > MOST_ARGUMENTS
     ]
     assert len(long) <= LONG_FUNCTIONS, "\n".join(long)
+
+
+def test_what_browsers_wait_for_is_a_function() -> None:
+    """An expression is evaluated again at every look, which the pages forbid: a test that has to look twice,
+    as on a busy machine, would fail.
+    """
+    waits = re.compile(r"wait_for_function\(\s*f?[\"'](?!\(\) =>|\w+ =>)")
+    found = [path for folder in ("tests", "tools", "benchmarks") for path in (ROOT / folder).rglob("*.py")]
+    assert [path.name for path in found if waits.search(path.read_text(encoding="utf-8"))] == []

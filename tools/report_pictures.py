@@ -217,7 +217,7 @@ def shown(page: Page) -> dict[str, Any]:
 
 def main(report: Path, out: Path, cohort: Path | None = None) -> None:
     with opened(report, WIDTH) as page:
-        page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+        page.wait_for_function("() => document.documentElement.dataset.ready !== undefined", timeout=60_000)
         (out / SHOWN).write_text(json.dumps(shown(page), indent=1) + "\n", encoding="utf-8")
         for name, draw in PICTURES.items():
             write(draw(page), out / f"report_{name}.png")

@@ -163,7 +163,7 @@ def test_a_run_has_its_picture_and_its_mark_opens_its_report(browser: Any, tmp_p
     visit = Visit(browser, path, wait=False)
     picture = visit.page.locator("img.thumbnail")
     picture.scroll_into_view_if_needed()
-    visit.page.wait_for_function("document.querySelector('img.thumbnail').naturalWidth === 160")
+    visit.page.wait_for_function("() => document.querySelector('img.thumbnail').naturalWidth === 160")
     assert picture.count() == 1  # the other has none
     assert picture.get_attribute("loading") == "lazy"
     assert violations(visit) == []

@@ -511,7 +511,7 @@ def test_one_webgl_context_tells_and_draws(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.add_init_script(COUNTED)
     page.goto(report.resolve().as_uri())
-    page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+    page.wait_for_function("() => document.documentElement.dataset.ready !== undefined", timeout=60_000)
     assert page.evaluate("window.contexts.size") == 1
     page.close()
 

@@ -117,7 +117,7 @@ def test_the_drawing_buffer_is_kept(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.add_init_script(f"({KEEP})()")
     page.goto(report.resolve().as_uri())
-    page.wait_for_function("document.documentElement.dataset.ready !== undefined")
+    page.wait_for_function("() => document.documentElement.dataset.ready !== undefined")
     assert page.evaluate("drawing.getContext('webgl2').getContextAttributes().preserveDrawingBuffer")
     page.close()
 

@@ -86,7 +86,7 @@ def test_one_finger_scrolls_the_page_and_two_zoom_the_picture(browser: Any, repo
     visit.page.evaluate("scrolled => scrollBy(0, -scrolled)", scrolled)
     visit.settle()
     visit.page.touchscreen.tap(x, y)  # gives it the focus, once the browser knows that it was no drag
-    visit.page.wait_for_function("document.activeElement.style.touchAction === 'none'")
+    visit.page.wait_for_function("() => document.activeElement.style.touchAction === 'none'")
     visit.settle()  # the thread that scrolls hears of it with the next picture
     scrolled, changed = zoomed(visit, one)
     assert scrolled == 0
@@ -145,7 +145,7 @@ def test_without_the_means_there_is_no_button_for_the_whole_screen(browser: Any,
     context.add_init_script("Object.defineProperty(Document.prototype, 'fullscreenEnabled', {value: false})")
     page = context.new_page()
     page.goto(report.resolve().as_uri())
-    page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+    page.wait_for_function("() => document.documentElement.dataset.ready !== undefined", timeout=60_000)
     assert not page.locator("#fullscreen").is_visible()
     context.close()
 
