@@ -31,8 +31,11 @@ def listen() -> None:
 
 def end_at_once() -> None:
     """End the process with the code of the first signal. Libraries get no say: one that was interrupted in
-    its import, or in its compiler, may crash where it ends in order.
+    its import, or in its compiler, may crash where it ends in order. But what Python shares between processes
+    is given back, since its tracker would say that it was not.
     """
+    if shared := sys.modules.get("multiprocessing.util"):
+        shared._exit_function()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # nobody reads it any more
             stream.flush()
