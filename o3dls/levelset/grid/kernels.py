@@ -209,27 +209,3 @@ def curvature(phi, neighbours, spacing):  # type: ignore[no-untyped-def]
 @njit(cache=True, inline="always")
 def _or_self(neighbour, own):  # type: ignore[no-untyped-def]
     return neighbour if neighbour >= 0 else own
-
-
-@njit(cache=True, nogil=True)
-def pieces(neighbours, chosen):  # type: ignore[no-untyped-def]
-    """Return the number (n,) of the connected piece of each chosen node, in the order of their first nodes;
-    -1 elsewhere. neighbours: (n, k) nodes, -1 for none.
-    """
-    piece = np.full(len(chosen), -1)
-    waiting = np.empty(len(chosen), dtype=np.int64)
-    count = 0
-    for first in range(len(chosen)):
-        if not chosen[first] or piece[first] >= 0:
-            continue
-        piece[first], waiting[0], left = count, first, 1
-        while left:
-            left -= 1
-            node = waiting[left]
-            for k in range(neighbours.shape[1]):
-                other = neighbours[node, k]
-                if other >= 0 and chosen[other] and piece[other] < 0:
-                    piece[other], waiting[left] = count, other
-                    left += 1
-        count += 1
-    return piece

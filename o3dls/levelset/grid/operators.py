@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
+from ...geometry.components import component_labels
 from . import kernels
 from .band import Band
 from .distance import SignedDistance
@@ -71,11 +72,17 @@ def _fillet_union(a: NDArray[np.float32], b: NDArray[np.float32], width: float) 
 
 def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
     """Return the connected pieces (n,) of the chosen nodes, numbered from 0 by falling size; -1 elsewhere."""
-    piece = kernels.pieces(band.neighbours.reshape(len(band), -1), chosen)
-    size = np.bincount(piece[chosen])
+    above = band.neighbours[:, :, 1]
+    rows, axes = np.nonzero((above >= 0) & chosen[:, None] & chosen[above])
+    links = np.column_stack([rows, above[rows, axes]])
+    _, own, size = np.unique(
+        component_labels(len(band), links)[chosen], return_inverse=True, return_counts=True
+    )
     rank = np.empty(len(size), dtype=np.int64)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
-    return np.where(chosen, rank[piece], -1) if len(size) else piece
+    named = np.full(len(band), -1)
+    named[chosen] = rank[own]
+    return named
 
 
 def without_islands(band: Band, phi: Array) -> Array:
